@@ -179,23 +179,13 @@ void kc_wire_meas(const kc_meas_t *from, int64_t t_us, kcm_meas_t *to)
     to->crc_kin = i32(from->crc[KC_TBL_KIN]);
 }
 
-/* sigma is 0 where this calibration estimated nothing; the table keeps the old one there. */
-static void proposal_coefs(const kc_proposal_t *proposal, kcm_proposal_t *to)
-{
-    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
-        bool est = proposal->status[c] != (uint8_t)KC_COEF_MASKED &&
-                   proposal->status[c] != (uint8_t)KC_COEF_HELD;
-        to->value[c] = proposal->kin.value[c];
-        to->sigma[c] = est ? proposal->kin.sigma[c] : 0.0;
-    }
-}
-
 void kc_wire_proposal(const kc_proposal_t *from, int64_t t_us, kcm_proposal_t *to)
 {
     to->t_us = t_us;
     COPY_FIELDS(KC_PROPOSAL_FIELDS)
     to->n_coef = i32(from->kin.n_coef);
-    proposal_coefs(from, to);
+    memcpy(to->value, from->kin.value, sizeof to->value);
+    memcpy(to->sigma, from->kin.sigma, sizeof to->sigma);
     to->crc_arm = i32(from->kin.arm_crc);
     to->crc_terms = i32(from->kin.terms_crc);
 }

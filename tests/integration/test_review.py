@@ -11,6 +11,7 @@ from kincal import review
 from kincal.api import reviews
 from kincal.link import Link, crc_text
 from kincal.review.status import proposals_in
+from kincal.run.inprocess import Script, Setup, command, simulate
 from kincal_shared.errors import CommandFailed
 from kincal_shared.keys import read, signer_of
 from kincal_sim.ports import private_port, private_url
@@ -73,7 +74,7 @@ def test_a_poor_proposal_goes_live_only_when_two_commands_and_an_override_say_so
             link.command("APPROVE_ARM", (int(crc, 16),))  # flight asks by itself, whoever sends
     status, said = kincal("review", "arm", crc, "--by", "A", *WHO, "--override", "rover at risk", *on)
     assert status == 0, said
-    assert f"correction {crc} (poor fit) is armed for another" in kincal("review", "list", "--live", *on)[1]
+    assert f"correction {crc} (poor fit) is armed, by key 1 for another" in kincal("review", "list", "--live", *on)[1]
     with Link(live) as link:
         before = link.wait_hk(lambda hk: hk.proposal_crc != 0, 5.0, "housekeeping")
         assert crc_text(before.table_crc[review.KIN_KIND]) != crc
@@ -107,3 +108,22 @@ def test_what_is_left_at_each_pose_adds_up_to_what_flight_states(poor_run):
         rms = math.sqrt(sum(getattr(p, name) ** 2 for p in fitted) / len(fitted))
         assert rms == pytest.approx(shown.review.numbers[key], rel=0.02), name
     assert all(p.tags and p.frames > 0 for p in fitted)
+
+
+def test_a_correction_of_some_coefficients_after_another_makes_the_table_that_it_names():
+    """What is not estimated keeps value and sigma of the table before; the CRC is that of all of it."""
+    first = simulate("paper", 3)
+    start = command("START", -1, 4, 7)
+    start.arg_u64 = 0b1111 << 12  # joint 4
+    second = simulate(
+        "paper",
+        4,
+        Setup(store=first.store, commander=lambda send: Script(send, [(20, start)]), limit_s=400.0),
+        each_tick=lambda tick: not any(channel == "KC_PROPOSAL" for channel, _ in tick.from_flight),
+    )
+    p = second.log.last_session.proposal
+    assert sum(status == 1 for status in p.status[: p.n_coef]) == p.n_coef - 4
+    assert sum(sigma > 0.0 for sigma in p.sigma[:28]) > 20  # of the first calibration
+    shown = review.from_message(p, [])
+    assert shown.crc == p.crc & 0xFFFFFFFF
+    assert sum(line.sigma > 0.0 for line in shown.coefs) <= 4

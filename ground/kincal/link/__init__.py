@@ -5,7 +5,7 @@ transfer: tables up and down. log: recorded messages. Types of the messages are 
 
 from .channels import CHANNELS, crc_text, unsigned32
 from .connection import DEFAULT_URL, CommandLink, Link, Received
-from .log import LogEvent, LogSummary, Session, read_log, unpack_covariance
+from .log import LogEvent, LogSummary, Session, estimated_sigma, read_log, unpack_covariance
 from .transfer import dump, upload, write_image
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "Session",
     "crc_text",
     "dump",
+    "estimated_sigma",
     "read_log",
     "unpack_covariance",
     "unsigned32",

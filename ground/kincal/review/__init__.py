@@ -15,7 +15,7 @@ import numpy as np
 
 from kincal.flight import Terms, library
 from kincal.flight.tables import decode_as, encode
-from kincal.link import read_log, unpack_covariance, unsigned32
+from kincal.link import estimated_sigma, read_log, unpack_covariance, unsigned32
 from kincal.link.names import VERDICTS, coef_status_name, ended_text, frame_name, verdict_name
 from kincal.tables import unit_of
 from kincal_shared.errors import BadInput
@@ -133,7 +133,7 @@ def from_message(p: Any, names: list[str]) -> Review:
         )
     names = [names[i] if i < len(names) else f"coef[{i}]" for i in range(n)]
     cov = unpack_covariance(p.cov, n)
-    sigma = np.array(p.sigma[:n])
+    sigma = np.array(estimated_sigma(p)[:n])
     on = np.flatnonzero(sigma > 0.0)
     d = np.sqrt(np.maximum(np.diag(cov)[on], 1e-300))
     lines = tuple(
@@ -142,7 +142,7 @@ def from_message(p: Any, names: list[str]) -> Review:
             unit_of(names[i]),
             coef_status_name(p.status[i]),
             p.value[i],
-            p.sigma[i],
+            float(sigma[i]),
             tuple(names[k] for k in range(n) if k != i and p.confounded[i] >> k & 1),
         )
         for i in range(n)

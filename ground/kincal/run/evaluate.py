@@ -11,7 +11,7 @@ import numpy as np
 
 from kincal import space, tables
 from kincal.flight import Arm, Model, Observations, Terms
-from kincal.link import Session, names
+from kincal.link import Session, estimated_sigma, names
 from kincal.results import CoefResult, HeldOut, PoseLine, Scene
 from kincal.rotations import Floats, Pose, angle_of_matrix
 
@@ -121,14 +121,14 @@ class Evaluator:
 
     def coefs(self, proposal: Proposal) -> tuple[CoefResult, ...]:
         """All coefficients of a proposal; what was not injected is truly zero."""
-        absent = 0.0 if self.truth else _UNKNOWN
+        absent, sigma = 0.0 if self.truth else _UNKNOWN, estimated_sigma(proposal)
         return tuple(
             CoefResult(
                 name,
                 tables.unit_of(name),
                 self.errors.get(name, absent),
                 proposal.value[i],
-                proposal.sigma[i],
+                sigma[i],
                 names.coef_status_name(proposal.status[i]),
             )
             for i, name in enumerate(self.names[: proposal.n_coef])

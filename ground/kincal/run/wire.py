@@ -51,7 +51,6 @@ _INPUTS = {
     if name.startswith(("has_", "n_"))
 } - {"rx_errors", "store_result"}
 _UPPER = np.triu_indices(6)
-_NOT_ESTIMATED = (_FLIGHT.lib.KC_COEF_MASKED, _FLIGHT.lib.KC_COEF_HELD)
 
 
 # ---- in
@@ -255,16 +254,14 @@ def _meas(s: KcMeas, _t_us: int) -> LcmMessage:
 
 
 def _proposal(s: KcProposal, t_us: int) -> LcmMessage:
-    """sigma is 0 where this calibration estimated nothing; the table keeps the old one there."""
-    status, kin = list(s.status), s.kin
-    sigma = [0.0 if st in _NOT_ESTIMATED else x for x, st in zip(kin.sigma, status, strict=True)]
+    kin = s.kin
     return _message(
         "proposal_t",
         s,
         t_us=t_us,
         n_coef=kin.n_coef,
         value=list(kin.value),
-        sigma=sigma,
+        sigma=list(kin.sigma),
         confounded=[_signed64(x) for x in s.confounded],
         crc_arm=signed32(kin.arm_crc),
         crc_terms=signed32(kin.terms_crc),
