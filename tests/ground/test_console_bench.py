@@ -6,6 +6,7 @@ from pathlib import Path
 
 import poses
 import pytest
+from samples import sealed
 from starlette.testclient import TestClient
 from test_console import ACCESS, BIN, GOOD, JSON, ORIGIN
 
@@ -264,8 +265,8 @@ def test_the_measurements_of_a_correction_become_the_case(filled):
         question.take(filled, picture, "00000001")
     assert filled.case.arm == "uploaded: arm.toml"
     proposal = kcm.proposal_t()
-    proposal.crc, proposal.session = 7, 3
-    picture.add("KC_PROPOSAL", proposal)
+    proposal.crc, proposal.session, proposal.n_coef = 7, 3, 1
+    picture.add("KC_PROPOSAL", sealed(proposal))
     for number in range(1, 4):
         meas = kcm.meas_t()
         meas.session, meas.observation, meas.pose, meas.n_joints = 3, number, number, 7

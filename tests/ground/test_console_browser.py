@@ -47,6 +47,8 @@ def browser():
 class Served:
     """A console on a flight process; it can be stopped and started again on its port."""
 
+    spaces = bench = None  # views that it has
+
     def __init__(self, flight, folder) -> None:
         self.flight, self.folder = flight, folder
         with socket.socket() as s:
@@ -83,8 +85,10 @@ class Served:
         self._server.should_exit = True
         self._thread.join()
         self._live.close()
-        self.spaces.work.close()
-        self.bench.close()
+        if self.spaces is not None:
+            self.spaces.work.close()
+        if self.bench is not None:
+            self.bench.close()
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from samples import signed
+from samples import sealed, signed
 
 import kcm
 from kincal import tables
@@ -38,7 +38,7 @@ def proposal(crc, value, session=1, terms=IMAGE.crc):
     m = kcm.proposal_t()
     m.crc, m.session, m.crc_terms, m.n_coef = signed(crc), session, signed(terms), len(NAMES)
     m.value[0], m.sigma[0] = value, 1e-3
-    return "KC_PROPOSAL", m
+    return "KC_PROPOSAL", sealed(m)
 
 
 def log(path, *rows):

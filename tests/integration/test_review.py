@@ -74,7 +74,8 @@ def test_a_poor_proposal_goes_live_only_when_two_commands_and_an_override_say_so
             link.command("APPROVE_ARM", (int(crc, 16),))  # flight asks by itself, whoever sends
     status, said = kincal("review", "arm", crc, "--by", "A", *WHO, "--override", "rover at risk", *on)
     assert status == 0, said
-    assert f"correction {crc} (poor fit) is armed, by key 1 for another" in kincal("review", "list", "--live", *on)[1]
+    listed = kincal("review", "list", "--live", *on)[1]
+    assert f"correction {crc} (poor fit) is armed, by key 1 for another" in listed
     with Link(live) as link:
         before = link.wait_hk(lambda hk: hk.proposal_crc != 0, 5.0, "housekeeping")
         assert crc_text(before.table_crc[review.KIN_KIND]) != crc

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 _FINGERPRINT_BYTES = 8
 _BOUND_BYTES = 1 + 4 + 3 * 8  # ended, n_checked, confidence and bounds of a proposal
 
-_HK_BYTES = 8 * 8 + 2 * 4 + 4  # of housekeeping: probability of each joint, holders, table before the one in force
+_HK_BYTES = (
+    8 * 8 + 2 * 4 + 4
+)  # of housekeeping: probability of each joint, holders, table before the one in force
 
 
 @dataclass(frozen=True)
@@ -62,9 +64,7 @@ FORMER = {
     bytes.fromhex("3f21d63a11cc6583"): Former("meas_t", 2 * 4, _at_its_pose),
     bytes.fromhex("049802873f024b41"): Former("proposal_t", 1 + 6 * 8 + _BOUND_BYTES, _with_an_exact_camera),
     bytes.fromhex("df12965a365c8720"): Former("proposal_t", _BOUND_BYTES, _with_no_bound),
-    bytes.fromhex("dbe6b2f24599f62e"): Former(
-        "hk_t", 4 + 8 + _HK_BYTES, _with_a_verdict_unknown
-    ),
+    bytes.fromhex("dbe6b2f24599f62e"): Former("hk_t", 4 + 8 + _HK_BYTES, _with_a_verdict_unknown),
     bytes.fromhex("049edd800f911cd3"): Former("hk_t", _HK_BYTES, _without_two_holders),
 }
 """By fingerprint."""

@@ -205,9 +205,7 @@ def _values_in(place: Path) -> list[KinValues]:
         proposals = [s.proposal for s in read_log(place).sessions.values() if s.proposal is not None]
     except (KincalError, OSError):
         return []  # what cannot be read holds nothing
-    return [
-        KinValues(unsigned32(p.crc), tuple(p.value[: p.n_coef]), str(place)) for p in proposals
-    ]
+    return [KinValues(unsigned32(p.crc), tuple(p.value[: p.n_coef]), str(place)) for p in proposals]
 
 
 # ---- where the tool goes
