@@ -110,8 +110,8 @@ class Reader:
 
 
 def image_of(kind):
-    """The image as shipped; CONFIG with values in its last fields that are not the standard ones, which an image
-    leaves out."""
+    """The image as shipped; CONFIG with values in its last fields that are not the standard ones, which an
+    image leaves out."""
     data = (ROOT / "tables" / "bin" / f"{kind}.tbl").read_bytes()
     return sealed(kind, data[16:] + struct.pack("<2dB", 0.02, 0.5, 1)) if kind == "config" else data
 

@@ -104,8 +104,8 @@ def what_changes(
 def what_rolls_back(
     crc_in_force: int, crc_before: int, tables_dir: Path, places: Sequence[Path] = ()
 ) -> Changes:
-    """What a rollback changes back; both CRCs as in KC_HK (table_crc, kin_prev_crc). BadInput if there is none
-    to go back to, or the values of one of them are in none of the places."""
+    """What a rollback changes back; both CRCs as in KC_HK (table_crc, kin_prev_crc). BadInput if there is no
+    table to go back to, or the values of one of them are in none of the places."""
     where = (tables_dir, *places)
     if not crc_before:
         raise BadInput(

@@ -320,13 +320,13 @@ def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, logs: 
         }, indent=1))  # fmt: skip
     else:
         if request.opcode == "ROLLBACK":
-            _preview(request, snapshot, logs)
+            _preview(request, snapshot, given, logs)
         text.unmet(console(), request.opcode, found, age, snapshot.state)
     if found:
         raise SystemExit(1)
 
 
-def _preview(request: Any, snapshot: Any, logs: tuple[Path, ...]) -> None:
+def _preview(request: Any, snapshot: Any, given: Given, logs: tuple[Path, ...]) -> None:
     """What a rollback changes back, as far as tables and logs here hold it."""
     from kincal.api import reviews
     from kincal.cli.text import review as text

@@ -56,8 +56,8 @@ def _at_its_pose(m: Meas) -> None:
 
 
 def _without_two_holders(_hk: Hk) -> None:
-    """The monitor gave no probability, one key gave both steps of an approval, and the table before the one in
-    force was not named: zeros say so."""
+    """The monitor gave no probability, one key gave both steps of an approval, and the table for a rollback
+    was not named: zeros say so."""
 
 
 FORMER = {

@@ -197,8 +197,8 @@ def _add_event(summary: LogSummary, event: FileEvent) -> None:
 
 
 def estimated_sigma(p: Proposal) -> list[float]:
-    """Sigma of each coefficient that this calibration estimated, else 0: the others keep what the table before
-    had, in value and sigma."""
+    """Sigma of each coefficient that this calibration estimated, else 0: the others keep what the table
+    before had, in value and sigma."""
     lib = library("flight").lib
     kept = (lib.KC_COEF_MASKED, lib.KC_COEF_HELD)
     return [0.0 if status in kept else s for s, status in zip(p.sigma, p.status, strict=True)]
