@@ -222,7 +222,7 @@ static bool inform(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena
         ask(cal, arena, view, false, false);
         ch->part = INFORMATION;
     }
-    while (ch->part >= INFORMATION && ch->part <= SUSPECTED) {
+    while (ch->part <= SUSPECTED) {
         if (!kc_acq_info_step(view->est, arena->cand_q, view->tables->space.n_cand, ch->eligible, &arena->acq,
                               work) ||
             !kc_work_take(work, ch->initial ? KC_LOCAL_COST : 0u)) {

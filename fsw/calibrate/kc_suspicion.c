@@ -3,11 +3,11 @@
 #include "kc_libm.h"
 #include "kc_local.h"
 
-/* A term that moves the tool as joint j (from 0) does. */
-static bool is_offset(const kc_arm_t *arm, const kc_term_t *t, uint32_t j)
+/* A term that moves the tool as the joint of its frame does. */
+static bool is_offset(const kc_arm_t *arm, const kc_term_t *t)
 {
-    uint32_t comp = arm->joint[j].type == KC_PRISMATIC ? (uint32_t)KC_TZ : (uint32_t)KC_RZ;
-    return t->frame == j && t->comp == comp && t->basis[0].var == (uint8_t)KC_VAR_ONE &&
+    uint32_t comp = arm->joint[t->frame].type == KC_PRISMATIC ? (uint32_t)KC_TZ : (uint32_t)KC_RZ;
+    return t->comp == comp && t->basis[0].var == (uint8_t)KC_VAR_ONE &&
            t->basis[1].var == (uint8_t)KC_VAR_ONE;
 }
 
@@ -17,7 +17,7 @@ uint64_t kc_suspicion_offsets(const kc_active_t *tables, uint32_t joints, uint64
     for (uint32_t i = 0u; i < tables->terms.n_term; i++) {
         const kc_term_t *t = &tables->terms.term[i];
         bool in = t->frame < tables->arm.n_joints && (joints >> t->frame & 1u) != 0u;
-        if (in && is_offset(&tables->arm, t, t->frame)) { found |= (uint64_t)1u << t->coef; }
+        if (in && is_offset(&tables->arm, t)) { found |= (uint64_t)1u << t->coef; }
     }
     return found & mask;
 }

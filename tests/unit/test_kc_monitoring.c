@@ -206,6 +206,43 @@ void test_the_verdict_waits_for_a_step_that_has_room_for_it(void)
     TEST_ASSERT_TRUE(APP->monitoring.due);
 }
 
+void test_another_joint_that_explains_more_takes_the_place_of_the_one_found(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    world_tick();
+    kc_mon_verdict_t *found = &APP->monitoring.found;
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, found->state);
+    for (uint32_t k = 0u; k < 2u; k++) {
+        found->joint = k == 0u ? 2u : 5u;
+        found->bias = 0.04;
+        APP->monitoring.weigh = true;
+        evaluate(kc_work_unlimited());
+        const kc_mon_verdict_t *v = &APP->monitoring.newest;
+        TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, v->state);
+        TEST_ASSERT_EQUAL_UINT32(2u, v->joint);
+        TEST_ASSERT_EQUAL_DOUBLE(k == 0u ? 0.04 : APP->monitoring.suspects.bias[2], v->bias);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(5e-3, 0.05, APP->monitoring.newest.bias);
+}
+
+/* Joint 4 is certain; that joint 3 is the other one is only likely. */
+void test_of_two_joints_the_surer_one_is_reported(void)
+{
+    given_idle(3u, 0.1);
+    world.bias[2] = 0.004;
+    observations(6u);
+    world_tick();
+    const kc_suspects_t *s = &APP->monitoring.suspects;
+    TEST_ASSERT_EQUAL_INT(KC_MON_SEVERAL, APP->monitoring.newest.state);
+    TEST_ASSERT_EQUAL_HEX32(0xcu, s->joints);
+    TEST_ASSERT_TRUE(s->chance[3] > 0.999 && s->chance[2] < 0.9);
+    TEST_ASSERT_EQUAL_UINT32(3u, APP->monitoring.newest.joint);
+    TEST_ASSERT_EQUAL_DOUBLE(s->bias[3], APP->monitoring.newest.bias);
+    TEST_ASSERT_EQUAL_DOUBLE(s->sigma[3], APP->monitoring.newest.sigma);
+    TEST_ASSERT_EQUAL_INT(4, world.last[KC_EVT_MON_SEVERAL].index);
+}
+
 void test_what_is_found_is_not_weighed_after_a_change_of_tables(void)
 {
     given_idle(2u, 0.05);

@@ -262,6 +262,63 @@ void test_a_choice_in_parts_is_the_same_choice(void)
     TEST_ASSERT_EQUAL_INT(whole, APP->cal.candidate);
 }
 
+static kc_outcome_t select_run(void)
+{
+    static kc_out_t out;
+    kc_work_t work = kc_work_unlimited();
+    memset(&out, 0, sizeof out);
+    return kc_select_run(&APP->cal, &APP->plan, &APP->arena.calibration, &APP->rng, &APP->view, &work, &out);
+}
+
+/* The choice by the bounds has just ended like this, for candidate 5; by the suspects only 7 may be chosen. */
+static void chosen_by_the_bounds(kc_status_t status, bool safe)
+{
+    kc_arena_calibration_t *arena = &APP->arena.calibration;
+    memset(&arena->choice, 0, sizeof arena->choice);
+    arena->choice.part = 2u; /* INFORMATION */
+    arena->choice.eligible[7] = 1u;
+    kc_acq_begin(&(kc_acq_ask_t){.kind = KC_ACQ_COUNT}, &APP->est, &arena->acq);
+    arena->acq.status = status;
+    arena->acq.safe = safe;
+    arena->acq.best = 5u;
+    APP->cal.chosen_by = -1;
+    TEST_ASSERT_EQUAL_INT(KC_OC_DONE, select_run().id);
+}
+
+void test_suspects_are_asked_only_about_what_is_safe_by_the_bounds(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
+    APP->est.by_prior = 1u;
+    APP->est.prior_mean = APP->tables.active.kin.value;
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) { APP->est.prior_sigma[c] = 0.01; }
+    chosen_by_the_bounds(KC_OK, true);
+    TEST_ASSERT_EQUAL_INT(7, APP->cal.candidate);
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_DOPT, APP->cal.chosen_by);
+    chosen_by_the_bounds(KC_OK, false); /* nothing is safe: the most certain one */
+    TEST_ASSERT_EQUAL_INT(5, APP->cal.candidate);
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_DOPT, APP->cal.chosen_by);
+    chosen_by_the_bounds(KC_ERR_NUM, true); /* not all of them were evaluated */
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, APP->cal.chosen_by);
+}
+
+/* ---- the end ---- */
+
+void test_a_calibration_that_can_hold_no_more_observations_ends_and_says_so(void)
+{
+    world_started();
+    for (uint32_t i = 0u; i < 5u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u)); }
+    const kc_plan_t plan = APP->plan;
+    TEST_ASSERT_TRUE(plan.n_meas < plan.n_own + plan.n_local);
+    APP->plan.n_obs = KC_MEAS_MAX;
+    kc_select_begin(&APP->arena.calibration);
+    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, select_run().id);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_OBSERVATIONS, APP->cal.ended);
+    APP->plan.n_own = plan.n_meas - plan.n_local; /* all that were requested */
+    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, select_run().id);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, APP->cal.ended);
+}
+
 /* ---- gain for its cost ---- */
 
 static double cost(uint32_t cand)

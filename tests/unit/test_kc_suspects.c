@@ -175,6 +175,22 @@ void test_a_larger_floor_makes_it_less_certain(void)
     TEST_ASSERT_TRUE(sure[1] < 0.5 * sure[0]);
 }
 
+/* Neither alone nor with another: whatever its bias, the residuals stay the same. */
+void test_a_joint_that_does_not_move_the_tool_has_no_chance(void)
+{
+    double sum = 0.0;
+    observe(4u, 1.0);
+    for (uint32_t i = 0u; i < 4u; i++) { memset(s_mon.obs[i].Jq[3], 0, sizeof s_mon.obs[i].Jq[3]); }
+    weigh(4u);
+    TEST_ASSERT_TRUE(s_s.joints != 0u && s_s.p_rest > KC_MON_P_REST); /* every set explains noise */
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_s.chance[3]);
+    for (uint32_t j = 0u; j < 7u; j++) {
+        TEST_ASSERT_TRUE(j == 3u || s_s.chance[j] > 0.0);
+        sum += s_s.chance[j];
+    }
+    TEST_ASSERT_TRUE(sum >= 1.0 - 1e-12 && sum <= 2.0);
+}
+
 void test_a_prismatic_joint_is_named_in_metres(void)
 {
     given_small_arm(&s_arm);
