@@ -266,7 +266,6 @@ double kc_evaluation_power(const kc_evaluated_t *evaluated, const kc_evaluation_
     const kc_est_t *e = view->est;
     const double scale = kc_max(1.0, evaluated->fit.noise_scale);
     double least = KC_INF;
-    if (e->rank == 0u) { return 0.0; }
     for (uint32_t c = 0u; c < e->terms->n_coef; c++) {
         if (e->status[c] == (uint8_t)KC_COEF_MASKED) { continue; }
         least = kc_min(least, size2(evaluation, &view->tables->config, c) * information[c]);

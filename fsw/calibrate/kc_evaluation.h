@@ -46,7 +46,8 @@ void kc_evaluation_values(const kc_view_t *view, double *value);
 
 /* Probability that a test of the active table at this level shows an error of any one coefficient that puts the tool
  * off by what CONFIG requires, RMS over the search space: the least of all coefficients. with_chain: the camera chain as
- * unknown as stated; else by the noise alone, what more poses can improve. After kc_evaluation_run. */
+ * unknown as stated; else by the noise alone, what more poses can improve. After kc_evaluation_run, with
+ * all that is requested determined (kc_fit_determined). */
 double kc_evaluation_power(const kc_evaluated_t *evaluated, const kc_evaluation_t *evaluation,
                            const kc_view_t *view, double level, bool with_chain);
 

@@ -43,7 +43,7 @@ void kc_accuracy_add(kc_accuracy_t *a, const kc_eval_t *eval, double (*chain)[KC
 
 double kc_accuracy_square(const kc_accuracy_t *a, const float *sums, uint32_t c)
 {
-    return a->n_poses > 0u ? (double)sums[at(c, c)] / (double)a->n_poses : 0.0;
+    return (double)sums[at(c, c)] / (double)a->n_poses;
 }
 
 /* ---- moments of x' S x, x normal: coefficients of covariance C, the chain's of unit covariance and mean b ---- */

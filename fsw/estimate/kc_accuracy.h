@@ -20,7 +20,7 @@ void kc_accuracy_begin(kc_accuracy_t *a, const kc_est_t *est);
 /* One pose: the model there, and what the chain does to the tool (kc_consider_motion). */
 void kc_accuracy_add(kc_accuracy_t *a, const kc_eval_t *eval, double (*chain)[KC_CHAIN_COUNT]);
 uint64_t kc_accuracy_add_cost(const kc_est_t *est); /* bound of its instructions */
-/* Mean square over the poses of what one unit of coefficient c moves the tool by. */
+/* Mean square over the poses, at least one, of what one unit of coefficient c moves the tool by. */
 double kc_accuracy_square(const kc_accuracy_t *a, const float *sums, uint32_t c);
 
 /* Degrees of freedom of the chi-square with the mean and variance of the mean square (Satterthwaite), between 1 and

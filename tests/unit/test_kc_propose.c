@@ -858,6 +858,32 @@ void test_without_a_solution_the_camera_chain_has_no_part(void)
     TEST_ASSERT_EQUAL_DOUBLE(APP->est.chi2, p->chi2);
 }
 
+/* Whether it says that the chain alone turns the tool by more than this. */
+static bool chain_turns_more_than(double stop_rot_rad)
+{
+    APP->tables.active.config.stop_rot_rad = stop_rot_rad;
+    (void)steps_to_propose(UINT64_MAX);
+    const kc_event_t *e = s_out.events.e;
+    if (s_out.events.n == 0u) { return false; }
+    TEST_ASSERT_EQUAL_UINT32(1u, s_out.events.n);
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_CHAIN_LIMIT, e->id);
+    TEST_ASSERT_EQUAL_INT(1, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE(s_evaluated.chain.rot_rad, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(stop_rot_rad, e->want);
+    return true;
+}
+
+void test_a_required_rotation_that_the_camera_chain_keeps_away_is_reported(void)
+{
+    world_calibrated();
+    given_chain();
+    TEST_ASSERT_FALSE(chain_turns_more_than(0.0)); /* none is required */
+    double rot_rad = s_evaluated.chain.rot_rad;
+    TEST_ASSERT_TRUE(rot_rad > 0.0);
+    TEST_ASSERT_TRUE(chain_turns_more_than(0.9 * rot_rad));
+    TEST_ASSERT_FALSE(chain_turns_more_than(1.1 * rot_rad));
+}
+
 void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void)
 {
     static const uint8_t kept[] = {KC_COEF_MASKED, KC_COEF_HELD};

@@ -379,6 +379,54 @@ void test_a_wrong_arm_is_looked_at_once_and_calibrated_on(void)
     TEST_ASSERT_TRUE(APP->learned.tested_early);
 }
 
+/* The requirement is met at the first pose with which all is determined. tested_early: as if the table in
+ * force had been tested before. */
+static uint32_t poses_until_met(double phi_rad, double power, bool tested_early)
+{
+    setUp();
+    world.truth.joint[2].d_m = world.arm.joint[2].d_m;
+    world.truth.joint[6].phi_rad = phi_rad;
+    world.config.n_poses = 24u;
+    world.config.stop_pos_m = 3.3e-4;
+    world.config.no_change_power = power;
+    world_started();
+    APP->learned.tested_early = tested_early;
+    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
+    return world.n_meas;
+}
+
+void test_a_right_arm_that_is_good_enough_goes_on_until_an_error_would_have_shown(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(10u, poses_until_met(0.0, 0.0, false));
+    TEST_ASSERT_FALSE(APP->learned.tested_early);
+    uint32_t n = poses_until_met(0.0, 0.9, false);
+    TEST_ASSERT_TRUE(n > 10u && n < 24u);
+    TEST_ASSERT_EQUAL_INT((int32_t)n, world.last[KC_EVT_CAL_AGREES].index);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_met(0.0, 0.9999, false)); /* more power than they have */
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_AGREES) + world_events(KC_EVT_CAL_CONVERGED));
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
+}
+
+/* That was the test; there is no second one, and what is good enough ends it. */
+void test_after_the_test_of_the_table_in_force_a_right_arm_ends_it_when_good_enough(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(10u, poses_until_met(0.0, 0.9999, true));
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, world.proposal.ended);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_AGREES));
+}
+
+/* More poses would not call it right. The verdict is by the level of an early test: this was one. */
+void test_an_arm_that_is_wrong_for_certain_ends_it_when_good_enough(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(10u, poses_until_met(0.02, 0.9999, false));
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, world.proposal.ended);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_DISAGREES)); /* the power was not reached */
+    TEST_ASSERT_TRUE(APP->learned.tested_early);
+}
+
 /* The same requirement at a confidence, or with poses in a row that were predicted so well, takes more poses. */
 void test_a_confidence_and_checks_take_more_poses(void)
 {
