@@ -307,7 +307,7 @@ void test_progress_and_proposal_go_out_whole(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.1, m.sigma[0]);
     TEST_ASSERT_EQUAL_DOUBLE(
         0.1, m.sigma[1]); /* not estimated: as the table has it, whose CRC the ground checks */
-    TEST_ASSERT_EQUAL_DOUBLE(0.1, m.sigma[2]);
+    TEST_ASSERT_EQUAL_DOUBLE(2.1, m.sigma[2]);
     TEST_ASSERT_EQUAL_INT(KC_COEF_HELD, m.status[1]);
     TEST_ASSERT_TRUE(m.confounded[1] == INT64_MIN);
     TEST_ASSERT_EQUAL_DOUBLE(0.25, m.cov[5]);
