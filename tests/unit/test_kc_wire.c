@@ -305,8 +305,7 @@ void test_progress_and_proposal_go_out_whole(void)
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, m.verdict);
     TEST_ASSERT_EQUAL_DOUBLE(3.0, m.value[2]);
     TEST_ASSERT_EQUAL_DOUBLE(0.1, m.sigma[0]);
-    TEST_ASSERT_EQUAL_DOUBLE(
-        0.1, m.sigma[1]); /* not estimated: as the table has it, whose CRC the ground checks */
+    TEST_ASSERT_EQUAL_DOUBLE(1.1, m.sigma[1]); /* not estimated: as in the table, whose CRC is compared */
     TEST_ASSERT_EQUAL_DOUBLE(2.1, m.sigma[2]);
     TEST_ASSERT_EQUAL_INT(KC_COEF_HELD, m.status[1]);
     TEST_ASSERT_TRUE(m.confounded[1] == INT64_MIN);
