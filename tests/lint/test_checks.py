@@ -543,7 +543,7 @@ def test_a_placeholder_of_an_unknown_type_is_refused(tmp_path, monkeypatch):
         ("[event]\n", '[event]\nNEWS = { cause = "x", do = "y" }\n', "entry of no event: NEWS"),
         ('COR_ROLLBACK = { cause = "ROLLBACK."', 'COR_ROLLBACK = { cause = " "', "COR_ROLLBACK: needs cause"),
         ("\nCAMERA = ", "\n# CAMERA = ", "cause without an entry: CAMERA"),
-        ("`kincal log run", "`kincal lag run", "kincal lag"),
+        ("`kincal log LOG", "`kincal lag LOG", "kincal lag"),
         ("`budget_us`", "`budgets_us`", "budgets_us"),
     ],
 )
