@@ -9,7 +9,7 @@ import { ask, freshness, store } from "./store.js";
 const DRAW_MS = 600;  // between two pictures of the arm
 const SHARE = 3, MOST_MS = 2500;  // after a picture as many times the time that it took are left for clicks
 const FRAME_MS = 700; // between two frames of the camera
-const TRAIL = 600, STEP_M = 0.004, GAP_US = 3e6;  // of the way of the tool: points at most, how far apart, where it breaks
+const TRAIL = 600, STEP_M = 0.004, GAP_US = 3e6;  // of the path of the tool: points at most, how far apart, where it breaks
 const HEARD = [
   ["KC_HK", "housekeeping"], ["KC_ARM_STATE", "arm"], ["KC_PANTILT_STATE", "pan-tilt unit"],
   ["KC_DETECTION", "tag detection"], ["poses", "last pose"],
@@ -251,7 +251,7 @@ function scene() {
   const target = space.candidates_m[hk?.candidate];
   if (target && hk.poses_goal) data.push(dots([target], `candidate ${hk.candidate}`, LIGHT.blue, 6));
   if (arm?.corrected_m) data.push(line(arm.corrected_m, "as the correction has it", LIGHT.green, 6, { mode: "lines+markers", marker: { size: 3, color: LIGHT.green }, opacity: 0.8 }));
-  if (trail.length > 1) data.push(line(trail, "way of the tool", LIGHT.blue, 3, { opacity: 0.7 }));
+  if (trail.length > 1) data.push(line(trail, "path of the tool", LIGHT.blue, 3, { opacity: 0.7 }));
   if (arm?.points_m) data.push(armOf(arm.points_m, "arm", LIGHT.ink));
   const begun = performance.now();
   draw(parts.arm, { data, layout: layout("arm") });
