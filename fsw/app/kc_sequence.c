@@ -37,6 +37,14 @@ static kc_outcome_t aim(kc_app_t *app, kc_out_t *out)
     return kc_outcome(KC_OC_STAY);
 }
 
+/* The pan-tilt unit turns while the arm moves to where the next frame is taken. */
+static void aim_ahead(kc_app_t *app, kc_out_t *out)
+{
+    double q[KC_JOINT_MAX];
+    kc_move_next_view(&app->move, &app->view, q);
+    kc_pantilt_aim(&app->pantilt, &app->view, out, q, app->observe.off_m);
+}
+
 /* From a stop. SELECT has sent the first command of a move itself. */
 static kc_outcome_t onward(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
@@ -44,7 +52,7 @@ static kc_outcome_t onward(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     kc_observe_at_stop(&app->observe, false);
     kc_outcome_t oc = kc_move_onward(&app->move, &app->view, work, out);
     if (oc.id != KC_OC_DONE) { return oc; }
-    kc_pantilt_aim(&app->pantilt, &app->view, out, app->move.q_final, app->observe.off_m);
+    aim_ahead(app, out);
     return kc_outcome(KC_OC_STAY);
 }
 
@@ -91,7 +99,7 @@ static kc_outcome_t select_next(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     if (oc.id != KC_OC_DONE) { return oc; }
     kc_observe_begin(&app->observe);
     oc = kc_move_begin(&app->move, v, work, out);
-    if (oc.id == KC_OC_DONE) { kc_pantilt_aim(&app->pantilt, v, out, app->move.q_final, app->observe.off_m); }
+    if (oc.id == KC_OC_DONE) { aim_ahead(app, out); }
     return oc;
 }
 
@@ -228,10 +236,19 @@ static void replace_extra(kc_app_t *app)
     app->est.n_obs--;
 }
 
+/* The frame in which OBSERVE found the tags is the first one of what is measured there. */
+static void keep_frame(kc_app_t *app)
+{
+    const kc_telemetry_t *t = app->view.telemetry;
+    if (!kc_view_at_rest(&app->view)) { return; }
+    kc_frames_add(&app->frames, &app->request.det, &t->arm, &t->pantilt);
+}
+
 /* Frames are of one place and one measurement. */
 static void leave(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *out)
 {
     if (app->place.state == KC_ST_MEASURE) { kc_frames_clear(&app->frames); }
+    if (app->place.state == KC_ST_OBSERVE && oc.id == KC_OC_MEASURE) { keep_frame(app); }
     if (app->place.state == KC_ST_MEASURE && oc.id == KC_OC_DONE) {
         kc_plan_measured(&app->plan, &app->view.tables->space, (uint32_t)app->cal.candidate);
     }

@@ -40,7 +40,7 @@ double kc_cost_candidate(const kc_view_t *view, uint32_t cand, const double *q)
     const kc_config_t *c = &view->tables->config;
     double steps = (double)*view->servo_steps, moves = moves_s(view, cand, q);
     double stops = steps + 1.0,
-           frames = stops + (double)c->frames_per_meas; /* one a stop, then the measurement */
+           frames = steps + (double)c->frames_per_meas; /* one a servo step, then the measurement */
     double rest = stops * (double)c->settle_us * 1e-6 + frames * c->frame_s;
     double cost = c->rate_cost == (uint8_t)KC_COST_ENERGY ? c->power_move_w * moves + c->power_idle_w * rest
                                                           : moves + rest;

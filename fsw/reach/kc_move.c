@@ -123,13 +123,14 @@ kc_outcome_t kc_move_near(kc_move_t *move, const kc_view_t *view, kc_work_t *wor
     return kc_move_send(move, view, work, out, node, node, q);
 }
 
-kc_outcome_t kc_move_wait(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out)
+/* pass: it goes on from there, and need not be at rest. */
+static kc_outcome_t wait(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out, bool pass)
 {
     if (move->checking) { return check(move, view, work, out); }
     uint64_t took = view->clock->now_us - move->start_us;
     /* Its echo, so that an arm that has not begun a short move yet is not taken for one that has finished it. */
     bool heard = echoes(view, move->q_target), lost = !heard && echoes(view, move->q_former);
-    if (heard && !view->telemetry->arm.moving &&
+    if (heard && (pass || !view->telemetry->arm.moving) &&
         kc_view_distance(view, move->q_target) <= view->tables->config.arrive_tol) {
         return kc_outcome(KC_OC_DONE);
     }
@@ -139,6 +140,11 @@ kc_outcome_t kc_move_wait(kc_move_t *move, const kc_view_t *view, kc_work_t *wor
     }
     if (lost && view->clock->now_us - move->sent_us >= RESEND_US) { command(move, view, out, false); }
     return kc_outcome(KC_OC_STAY);
+}
+
+kc_outcome_t kc_move_wait(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out)
+{
+    return wait(move, view, work, out, false);
 }
 
 /* ---- where the arm is ---- */
@@ -253,11 +259,17 @@ static uint32_t nth_stop(const kc_view_t *view, uint32_t k)
     return (2u * k + 1u) * n / (2u * n_stops(view));
 }
 
+/* Stops are on the segment from the hub; a path may lead to the candidate from another one. */
+static bool more_stops(const kc_move_t *move, const kc_view_t *view)
+{
+    uint32_t from = move->n_path > 1u ? move->path[move->n_path - 2u] : move->node;
+    bool over_hub = from == view->tables->space.cand[view->cal->candidate].hub;
+    return over_hub && move->i_stop < n_stops(view) && kc_plan_has_room(view->plan);
+}
+
 static bool has_stop(const kc_move_t *move, const kc_view_t *view)
 {
-    uint32_t cand = (uint32_t)view->cal->candidate;
-    bool last = move->seg_to == KC_HUB_MAX + cand && move->seg_from == view->tables->space.cand[cand].hub;
-    return last && move->i_stop < n_stops(view) && kc_plan_has_room(view->plan);
+    return move->seg_to == KC_HUB_MAX + (uint32_t)view->cal->candidate && more_stops(move, view);
 }
 
 /* To the next way point, or the next stop on the segment there; after the last one to the joints at the candidate. */
@@ -316,10 +328,18 @@ kc_outcome_t kc_move_begin(kc_move_t *move, const kc_view_t *view, kc_work_t *wo
 
 kc_outcome_t kc_move_run(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out)
 {
-    kc_outcome_t arrived = kc_move_wait(move, view, work, out);
-    if (arrived.id != KC_OC_DONE || move->to_stop || move->i_path >= move->n_path) { return arrived; }
+    const bool pass = !move->to_stop && move->i_path < move->n_path; /* a way point */
+    kc_outcome_t arrived = wait(move, view, work, out, pass);
+    if (arrived.id != KC_OC_DONE || !pass) { return arrived; }
     move->node = move->path[move->i_path++];
     return send_leg(move, view, work, out);
+}
+
+void kc_move_next_view(const kc_move_t *move, const kc_view_t *view, double *q)
+{
+    memcpy(q, move->to_stop ? move->q_to : move->q_final, sizeof move->q_to);
+    if (move->to_stop || !more_stops(move, view)) { return; }
+    kc_space_stop(&view->tables->space, (uint32_t)view->cal->candidate, nth_stop(view, move->i_stop), q);
 }
 
 bool kc_move_stopped(const kc_move_t *move) { return move->to_stop; }

@@ -49,8 +49,11 @@ kc_outcome_t kc_move_near(kc_move_t *move, const kc_view_t *view, kc_work_t *wor
 /* Plan the path to the current candidate (a replicate: over its hub, so that it is approached again) and start.
  * DONE; SKIP: no path, or the guard refused; ABORT: no verified path begins where the arm is. */
 kc_outcome_t kc_move_begin(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out);
-/* MOVE: DONE when the arm is at the candidate, or at a stop (kc_move_stopped). */
+/* MOVE: DONE when the arm is at the candidate, or at a stop (kc_move_stopped). A way point is passed as soon as the arm is
+ * there, while it still vibrates. */
 kc_outcome_t kc_move_run(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out);
+/* Joints (of all of them, KC_JOINT_MAX) at which the next frame is taken: of the next stop, or of the candidate. */
+void kc_move_next_view(const kc_move_t *move, const kc_view_t *view, double *q);
 /* Whether the arm is at a stop; and on from there. DONE: sent; SKIP: the guard refused. */
 bool kc_move_stopped(const kc_move_t *move);
 kc_outcome_t kc_move_onward(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out);

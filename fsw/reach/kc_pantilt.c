@@ -4,6 +4,7 @@
 #include "kc_libm.h"
 
 #define ARRIVE_TOL_RAD 0.01 /* pan-tilt unit within this of its target has arrived */
+#define AIM_TOL_RAD 0.02    /* a tool this far from the middle of the image needs no turn: the view is 0.7 rad wide */
 #define RESEND_US 1000000u  /* a command that did not make it move is sent again after this */
 
 void kc_pantilt_turn(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out, double pan_rad,
@@ -25,7 +26,8 @@ void kc_pantilt_aim(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out,
     kc_view_expect(view, q, &T);
     for (uint32_t i = 0u; i < 3u; i++) { T.p_m[i] += off_m[i]; }
     (void)kc_camera_aim(&view->tables->camera, T.p_m, &pan, &tilt); /* cut off by a limit: best there is */
-    kc_pantilt_turn(pantilt, view, out, pan, tilt);
+    const double off_rad = kc_max(kc_fabs(pan - pantilt->pan_rad), kc_fabs(tilt - pantilt->tilt_rad));
+    if (off_rad > AIM_TOL_RAD) { kc_pantilt_turn(pantilt, view, out, pan, tilt); }
 }
 
 kc_outcome_t kc_pantilt_wait(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out)

@@ -438,6 +438,12 @@ bool world_stored(uint32_t max)
     return kc_app_state(&kc_app_instance) != KC_ST_STORE;
 }
 
+bool world_measuring(void)
+{
+    kc_state_t state = kc_app_state(&kc_app_instance);
+    return state == KC_ST_OBSERVE || state == KC_ST_MEASURE;
+}
+
 bool world_calibrating(void) { return kc_states_calibrating(kc_app_state(&kc_app_instance)); }
 
 uint32_t world_events(uint32_t id) { return world.events[id]; }

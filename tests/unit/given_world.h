@@ -114,6 +114,8 @@ void world_seal(uint16_t kind);
 void world_restart(void);
 /* Whether the state is one of a calibration. */
 bool world_calibrating(void);
+/* Whether the next frame belongs to a measurement: the one with which OBSERVE ends does. */
+bool world_measuring(void);
 uint32_t world_events(uint32_t id);
 /* Remember what a refused input must not change: active tables, staging, state, calibration, frames, the last
  * accepted telemetry and the proposal; and ask whether it is all still the same. */

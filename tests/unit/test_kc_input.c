@@ -344,7 +344,6 @@ static kc_detection_t *given_frame(void)
     given_world();
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-    world_tick();
     TEST_ASSERT_EQUAL_UINT32(1u, APP->frames.n);
     TEST_ASSERT_EQUAL_INT(KC_FRAME_AWAITED, APP->request.frame);
     memset(&s_in, 0, sizeof s_in);

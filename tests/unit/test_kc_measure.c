@@ -13,7 +13,7 @@ static uint32_t s_n;
 
 static void record(kc_detection_t *d)
 {
-    if (kc_app_state(APP) == KC_ST_MEASURE && s_n < 32u) { s_seen[s_n++] = *d; }
+    if (world_measuring() && s_n < 32u) { s_seen[s_n++] = *d; }
 }
 
 void setUp(void);
@@ -127,11 +127,35 @@ void test_the_covariance_turns_with_the_camera(void)
 static void fewer_tags(kc_detection_t *d)
 {
     d->corner_px[3] = 100.0 + (double)s_n;
-    if (kc_app_state(APP) != KC_ST_MEASURE) { return; }
+    if (!world_measuring()) { return; }
     if (s_n++ == 1u) {
         d->n_tags = 1u;
         d->tag_id[1] = -1;
     }
+}
+
+void test_the_frame_that_showed_the_tags_is_the_first_of_the_measurement(void)
+{
+    for (uint32_t n = 1u; n < 4u; n++) {
+        given_world();
+        world.config.frames_per_meas = n;
+        world_started();
+        TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 600u));
+        TEST_ASSERT_EQUAL_UINT32(n, world.meas[0].n_frames);
+        TEST_ASSERT_EQUAL_UINT32(n, world.n_frames);
+    }
+}
+
+void test_a_frame_of_an_arm_that_moved_is_not_part_of_a_measurement(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
+    world.arm_vibrates = 3;
+    TEST_ASSERT_TRUE(world_until(KC_ST_REST, 3u));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->frames.n);
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 600u));
+    TEST_ASSERT_EQUAL_UINT32(3u, world.meas[0].n_frames);
+    TEST_ASSERT_TRUE(world.n_frames > 3u);
 }
 
 void test_corners_are_averaged_only_over_frames_with_the_same_tags(void)

@@ -39,6 +39,23 @@ void test_the_arm_goes_over_seeds_of_verified_nodes_only(void)
     TEST_ASSERT_TRUE(world.n_meas > 3u);
 }
 
+/* Hub 1 is on the way to candidate 1. */
+void test_a_way_point_is_passed_by_an_arm_that_vibrates_and_a_candidate_is_not(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MOVE, 300u));
+    TEST_ASSERT_TRUE(APP->move.n_path > 1u);
+    world.arm_vibrates = 40;
+    for (uint32_t i = 0u; i < 40u; i++) {
+        world_tick();
+        TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
+    }
+    TEST_ASSERT_EQUAL_UINT32(APP->move.n_path, APP->move.i_path);
+    TEST_ASSERT_TRUE(distance(world.q, APP->move.q_final) < 1e-9);
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 100u));
+}
+
 void test_every_command_at_a_candidate_stays_on_the_servo_bound(void)
 {
     double seed[KC_JOINT_MAX];
@@ -602,9 +619,28 @@ void test_the_pantilt_unit_is_aimed_at_the_shifted_tool(void)
         T.p_m[axis] += 0.05;
         (void)kc_camera_aim(c, T.p_m, &pan, &tilt);
         TEST_ASSERT_TRUE(fabs(pan - pan0) + fabs(tilt - tilt0) > 1e-3);
+        APP->pantilt.pan_rad = 1.0; /* so that it turns */
         kc_pantilt_aim(&APP->pantilt, &APP->view, &out, world.q, off_m);
         TEST_ASSERT_DOUBLE_WITHIN(1e-12, pan, out.pantilt_cmd.pan_rad);
         TEST_ASSERT_DOUBLE_WITHIN(1e-12, tilt, out.pantilt_cmd.tilt_rad);
+    }
+}
+
+void test_a_tool_near_the_middle_of_the_image_needs_no_turn(void)
+{
+    static kc_out_t out;
+    static const double none[3] = {0.0}, off[][2] = {{0.0, 0.0}, {0.019, 0.0}, {0.0, -0.019}, {0.021, 0.0}, {0.0, -0.021}};
+    kc_pose_t T;
+    double pan = 0.0, tilt = 0.0;
+    world_started();
+    kc_view_expect(&APP->view, world.q, &T);
+    (void)kc_camera_aim(&kc_app_active(APP)->camera, T.p_m, &pan, &tilt);
+    for (uint32_t i = 0u; i < 5u; i++) {
+        memset(&out, 0, sizeof out);
+        APP->pantilt.pan_rad = pan + off[i][0];
+        APP->pantilt.tilt_rad = tilt + off[i][1];
+        kc_pantilt_aim(&APP->pantilt, &APP->view, &out, world.q, none);
+        TEST_ASSERT_EQUAL_UINT8(i < 3u ? 0u : 1u, out.has_pantilt_cmd);
     }
 }
 
@@ -660,9 +696,15 @@ void test_the_arm_observes_at_stops_evenly_those_that_are_allowed(void)
 void test_the_pantilt_unit_follows_to_a_stop_and_goes_on_with_the_arm(void)
 {
     kc_pose_t T;
-    double pan = 0.0, tilt = 0.0;
+    double pan = 0.0, tilt = 0.0, q[KC_JOINT_MAX] = {0.0};
     given_stops(1u);
     world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MOVE, 50u)); /* to the stop already while the arm sets out */
+    for (uint32_t j = 0u; j < 7u; j++) { q[j] = 150.0 / 256.0 * (double)world.space.cand[0].q_seed[j]; }
+    kc_view_expect(&APP->view, q, &T);
+    (void)kc_camera_aim(&world.camera, T.p_m, &pan, &tilt);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, pan, world.pan_cmd);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, tilt, world.tilt_cmd);
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
     kc_view_expect(&APP->view, world.q, &T);
     (void)kc_camera_aim(&world.camera, T.p_m, &pan, &tilt);

@@ -130,7 +130,7 @@ static int spoil_one;
 static void boastful_and_one_far_off(kc_detection_t *d)
 {
     boastful(d);
-    if (spoil_one && APP->plan.n_meas == 15u && kc_app_state(APP) == KC_ST_MEASURE) {
+    if (spoil_one && APP->plan.n_meas == 15u && world_measuring()) {
         d->p_cam_tool_m[1] += 0.05;
     }
 }

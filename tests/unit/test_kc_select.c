@@ -353,7 +353,7 @@ void test_a_candidate_costs_its_path_and_its_stay(void)
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     APP->cal.candidate = -1; /* from the park pose, hub 0 */
     APP->observe.servo_steps = 2u;
-    double stay = 3.0e-6 * (double)world.config.settle_us + (3.0 + 3.0) * 0.25, path_s = by_hand_s(5u);
+    double stay = 3.0e-6 * (double)world.config.settle_us + (2.0 + 3.0) * 0.25, path_s = by_hand_s(5u);
     TEST_ASSERT_TRUE(path_s > 0.1);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, path_s + stay, cost(5u));
     APP->tables.active.config.rate_cost = KC_COST_ENERGY;
