@@ -47,7 +47,9 @@ kc_outcome_t kc_measure_run(kc_frames_t *frames, kc_request_t *request, kc_est_t
     if (!kc_view_at_rest(view)) {
         return retry(request, view, KC_OC_DISTURBED);
     } /* frames are of one place */
-    if (frames->n >= view->tables->config.frames_per_meas) { return finish(frames, est, taken_at, view, out); }
+    if (frames->n >= view->tables->config.frames_per_meas) {
+        return finish(frames, est, taken_at, view, out);
+    }
     switch (kc_request_poll(request, view, out)) {
     case KC_FRAME_DETECTED:
         kc_frames_add(frames, &request->det, &t->arm, &t->pantilt);

@@ -4,7 +4,8 @@
 #include "kc_libm.h"
 
 #define ARRIVE_TOL_RAD 0.01 /* pan-tilt unit within this of its target has arrived */
-#define AIM_TOL_RAD 0.02    /* a tool this far from the middle of the image needs no turn: the view is 0.7 rad wide */
+#define AIM_TOL_RAD \
+    0.02    /* a tool this far from the middle of the image needs no turn: the view is 0.7 rad wide */
 #define RESEND_US 1000000u  /* a command that did not make it move is sent again after this */
 
 void kc_pantilt_turn(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out, double pan_rad,

@@ -629,7 +629,8 @@ void test_the_pantilt_unit_is_aimed_at_the_shifted_tool(void)
 void test_a_tool_near_the_middle_of_the_image_needs_no_turn(void)
 {
     static kc_out_t out;
-    static const double none[3] = {0.0}, off[][2] = {{0.0, 0.0}, {0.019, 0.0}, {0.0, -0.019}, {0.021, 0.0}, {0.0, -0.021}};
+    static const double none[3] = {0.0},
+                        off[][2] = {{0.0, 0.0}, {0.019, 0.0}, {0.0, -0.019}, {0.021, 0.0}, {0.0, -0.021}};
     kc_pose_t T;
     double pan = 0.0, tilt = 0.0;
     world_started();

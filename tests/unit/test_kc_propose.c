@@ -130,9 +130,7 @@ static int spoil_one;
 static void boastful_and_one_far_off(kc_detection_t *d)
 {
     boastful(d);
-    if (spoil_one && APP->plan.n_meas == 15u && world_measuring()) {
-        d->p_cam_tool_m[1] += 0.05;
-    }
+    if (spoil_one && APP->plan.n_meas == 15u && world_measuring()) { d->p_cam_tool_m[1] += 0.05; }
 }
 
 /* The nominal arm is in force: its residuals by forward kinematics alone. */
