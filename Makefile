@@ -217,17 +217,17 @@ lint-cppcheck: messages $(STAMP)/apt-test ## cppcheck
 	@mkdir -p $(BUILD)/cppcheck
 	$(Q)cppcheck --quiet --error-exitcode=1 --inline-suppr --enable=warning,performance,portability \
 	    --std=c11 --std=c++17 -UKC_GROUND --cppcheck-build-dir=$(BUILD)/cppcheck --suppress=missingIncludeSystem \
-	    --suppress=uninitvar $(addprefix -I,$(wildcard fsw/*/)) -I$(BUILD)/gen -I$(BUILD)/gen-all --suppress='*:$(BUILD)/gen/*' $(C_DIRS)
+	    --suppress=uninitvar $(addprefix -I,$(wildcard fsw/*/ $(BUILD)/made/*/)) -I$(BUILD)/gen -I$(BUILD)/gen-all --suppress='*:$(BUILD)/gen/*' $(C_DIRS)
 
-lint-misra: $(STAMP)/apt-test ## MISRA C:2012 over the core: no deviation that tests/lint/misra.csv does not decide
+lint-misra: messages $(STAMP)/apt-test ## MISRA C:2012 over the core: no deviation that tests/lint/misra.csv does not decide
 	$(Q)$(PYTHON) tests/lint/misra.py $(BUILD)/misra
 
 # The check for uninitialised values is off for the reason above: gcc 12 takes one turn of a loop that fills an array.
 CORE_ROOMS := $(filter-out eigen,$(shell awk -F '[( )]' '/^kc_room/ { print $$2 }' fsw/CMakeLists.txt))
-lint-analyzer: $(BUILD)/rel/build.ninja ## gcc -fanalyzer over the core
+lint-analyzer: messages ## gcc -fanalyzer over the core
 	$(Q)printf '%s\n' $(wildcard $(CORE_ROOMS:%=fsw/%/*.c)) | xargs -P $(PROCESSORS) -n 8 sh -c 'for f; do \
 	    gcc -std=c11 -O2 -fanalyzer -Werror -Wno-analyzer-use-of-uninitialized-value \
-	    $(addprefix -I,$(wildcard fsw/*/)) -isystem $(BUILD)/monocypher/src -c "$$f" -o /dev/null || exit 1; done' sh
+	    $(addprefix -I,$(wildcard fsw/*/ $(BUILD)/made/*/)) -isystem $(BUILD)/monocypher/src -c "$$f" -o /dev/null || exit 1; done' sh
 
 lint-format: $(STAMP)/apt-test ## C and C++ layout
 	$(Q)clang-format-19 --dry-run --Werror $(C_ALL)

@@ -13,109 +13,15 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import layouts
+from lcm_files import messages, parse
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 WIDTH = 100
-
-UNITS = (
-    ("_m_s2", "m/s^2"),
-    ("_rad_s", "rad/s"),
-    ("_rad", "rad"),
-    ("_m", "m"),
-    ("_us", "us"),
-    ("_px", "px"),
-    ("_c", "deg C"),
-    ("_kg", "kg"),
-    ("_bytes", "bytes"),
-    ("_j", "J"),
-)
-# Fields whose unit depends on the joint type.
-JOINT_UNIT = {
-    "q_rad": "rad (m, prismatic)",
-    "q_cmd_rad": "rad (m, prismatic)",
-    "dq_rad_s": "rad/s (m/s, prismatic)",
-    "q_true_rad": "rad (m, prismatic)",
-    "mon_bias": "rad (m, prismatic)",
-    "mon_sigma": "rad (m, prismatic)",
-}
-
-
-# --------------------------------------------------------------------------- message files
-
-
-# What a message's comment begins with, once for each channel: name, sender, receivers, rate, what it carries.
-CHANNEL = re.compile(r"Channel (KC_\w+): (.+?) -> (.+?); (.+?); (.+?)\.(?: +|$)")
-
-
-@dataclass(frozen=True)
-class Field:
-    """A field of a message."""
-
-    name: str
-    type: str
-    comment: str
-
-    @property
-    def unit(self) -> str:
-        """Unit by the end of the name; empty if it has none."""
-        if self.name in JOINT_UNIT:
-            return JOINT_UNIT[self.name]
-        name = re.sub(r"_wxyz$", "", self.name)
-        return next((unit for suffix, unit in UNITS if name.endswith(suffix)), "")
-
-
-@dataclass(frozen=True)
-class Message:
-    """A message type."""
-
-    name: str
-    comment: str
-    fields: tuple[Field, ...]
-    constants: tuple[tuple[str, int], ...]
-    channels: tuple[tuple[str, ...], ...]
-
-
-def parse(path: Path) -> Message:
-    """A .lcm file as we write them: comments before what they speak of."""
-    fields: list[Field] = []
-    constants: list[tuple[str, int]] = []
-    about, comment, statement = "", [], ""
-    for line in path.read_text("utf-8").splitlines():
-        line = line.strip()
-        if line.startswith("//"):
-            comment.append(line.removeprefix("//").strip())
-        elif line.startswith("struct"):
-            about, comment = " ".join(comment), []
-        elif line in ("{", "}", "") or line.startswith("package"):
-            comment = [] if not line else comment
-        else:
-            statement += " " + line
-            if not statement.endswith(";"):
-                continue
-            if "const" in statement:
-                constants += [(n, int(v)) for n, v in re.findall(r"(\w+)\s*=\s*(-?\d+)", statement)]
-            elif found := re.fullmatch(r"\s*(\w+)\s+(\w+)((?:\[\w+\])*);", statement):
-                fields.append(Field(found[2], found[1] + found[3], " ".join(comment)))
-            else:
-                raise SystemExit(f"{path}: cannot read {statement!r}")
-            comment, statement = [], ""
-    channels = CHANNEL.findall(about)
-    if not channels:
-        raise SystemExit(f"{path}: no `// Channel KC_...: sender -> receivers; rate; what it carries.`")
-    return Message(
-        path.stem, CHANNEL.sub("", about).strip(), tuple(fields), tuple(constants), tuple(channels)
-    )
-
-
-def messages() -> list[Message]:
-    """All message types, by name."""
-    return [parse(p) for p in sorted((ROOT / "fsw/msg").glob("*.lcm"))]
 
 
 # --------------------------------------------------------------------------- blocks of pages

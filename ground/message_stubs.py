@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from gen_docs import Message, messages
+from lcm_files import Message, messages
 
 TARGET = Path(__file__).resolve().parent / "kincal" / "link" / "messages.pyi"
 SCHEMA = Path(__file__).resolve().parent / "kincal_shared" / "schema"

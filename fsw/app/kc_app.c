@@ -46,7 +46,7 @@ bool kc_app_vouches_cmd(const kc_app_t *app, const kc_cmd_t *cmd, uint32_t *macs
     return kc_cmd_vouches(&app->cmd_log, &app->view, cmd, macs);
 }
 
-bool kc_app_vouches_chunk(const kc_app_t *app, const kc_chunk_t *chunk, uint32_t *macs)
+bool kc_app_vouches_chunk(const kc_app_t *app, const kc_table_chunk_t *chunk, uint32_t *macs)
 {
     return kc_cmd_vouches_chunk(&app->cmd_log, &app->view, chunk, macs);
 }

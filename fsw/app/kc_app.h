@@ -38,7 +38,7 @@ void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *ou
  * finds room that others cannot take. Nothing is taken or admitted by it. *macs: how many MACs may still be computed,
  * each of kc_auth_cost instructions, counted down; at 0 the answer is false. */
 bool kc_app_vouches_cmd(const kc_app_t *app, const kc_cmd_t *cmd, uint32_t *macs);
-bool kc_app_vouches_chunk(const kc_app_t *app, const kc_chunk_t *chunk, uint32_t *macs);
+bool kc_app_vouches_chunk(const kc_app_t *app, const kc_table_chunk_t *chunk, uint32_t *macs);
 
 /* For tests and the ground: the active tables. */
 const kc_active_t *kc_app_active(const kc_app_t *app);

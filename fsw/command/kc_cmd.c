@@ -102,7 +102,7 @@ bool kc_cmd_vouches(const kc_cmd_log_t *log, const kc_view_t *view, const kc_cmd
     return vouches(log, &k, &cmd->auth, cmd->t_us, &text, macs);
 }
 
-bool kc_cmd_vouches_chunk(const kc_cmd_log_t *log, const kc_view_t *view, const kc_chunk_t *chunk,
+bool kc_cmd_vouches_chunk(const kc_cmd_log_t *log, const kc_view_t *view, const kc_table_chunk_t *chunk,
                           uint32_t *macs)
 {
     uint8_t head[KC_SIGNED_HEAD_MAX];
@@ -279,7 +279,8 @@ kc_answer_t kc_cmd_activate(const kc_cmd_log_t *log, kc_tables_t *tables, const 
     return answer.status == KC_OK ? kc_answer_ok(KC_OC_STORE) : answer;
 }
 
-static bool admit_chunk(kc_cmd_log_t *log, const kc_view_t *view, const kc_chunk_t *chunk, kc_out_t *out)
+static bool admit_chunk(kc_cmd_log_t *log, const kc_view_t *view, const kc_table_chunk_t *chunk,
+                        kc_out_t *out)
 {
     uint8_t head[KC_SIGNED_HEAD_MAX];
     if (!known_source(chunk->source)) { return unknown_source(chunk->source, out).status == KC_OK; }
@@ -289,8 +290,8 @@ static bool admit_chunk(kc_cmd_log_t *log, const kc_view_t *view, const kc_chunk
     return answer.status == KC_OK;
 }
 
-void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *view, const kc_chunk_t *chunk,
-                  kc_out_t *out)
+void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *view,
+                  const kc_table_chunk_t *chunk, kc_out_t *out)
 {
     if (!admit_chunk(log, view, chunk, out)) { return; }
     if ((KC_CMD_FREE >> view->place->state & 1u) == 0u) {

@@ -36,7 +36,7 @@ kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, kc_sender_t sender, const kc_view_t 
                          kc_out_t *out);
 /* As kc_app_vouches_cmd and kc_app_vouches_chunk. */
 bool kc_cmd_vouches(const kc_cmd_log_t *log, const kc_view_t *view, const kc_cmd_t *cmd, uint32_t *macs);
-bool kc_cmd_vouches_chunk(const kc_cmd_log_t *log, const kc_view_t *view, const kc_chunk_t *chunk,
+bool kc_cmd_vouches_chunk(const kc_cmd_log_t *log, const kc_view_t *view, const kc_table_chunk_t *chunk,
                           uint32_t *macs);
 /* Answer a command, and count it. */
 void kc_cmd_answer(kc_cmd_log_t *log, const kc_cmd_t *cmd, const kc_answer_t *answer, kc_out_t *out);
@@ -59,7 +59,7 @@ kc_answer_t kc_cmd_validate(kc_cmd_log_t *log, kc_tables_t *tables, const kc_cmd
  * them too, for validation and activation: else one of them could put a correction in force, or end that rule. */
 kc_answer_t kc_cmd_activate(const kc_cmd_log_t *log, kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out);
 /* A chunk has to be signed. It is not answered; events say why one is refused. */
-void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *view, const kc_chunk_t *chunk,
-                  kc_out_t *out);
+void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *view,
+                  const kc_table_chunk_t *chunk, kc_out_t *out);
 
 #endif

@@ -49,7 +49,7 @@ kc_auth_text_t kc_signed_cmd(const kc_cmd_t *cmd, uint8_t head[KC_SIGNED_HEAD_MA
     return (kc_auth_text_t){.head = head, .n_head = w.pos};
 }
 
-kc_auth_text_t kc_signed_chunk(const kc_chunk_t *chunk, uint8_t head[KC_SIGNED_HEAD_MAX])
+kc_auth_text_t kc_signed_chunk(const kc_table_chunk_t *chunk, uint8_t head[KC_SIGNED_HEAD_MAX])
 {
     kc_walk_t w = begin(head, "KinCal chunk 1\0");
     sender(&w, &chunk->auth, chunk->t_us, chunk->source);

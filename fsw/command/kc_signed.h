@@ -10,6 +10,6 @@
 
 /* The head is written to the caller's bytes and, like the message, has to live as long as the text. */
 kc_auth_text_t kc_signed_cmd(const kc_cmd_t *cmd, uint8_t head[KC_SIGNED_HEAD_MAX]);
-kc_auth_text_t kc_signed_chunk(const kc_chunk_t *chunk, uint8_t head[KC_SIGNED_HEAD_MAX]);
+kc_auth_text_t kc_signed_chunk(const kc_table_chunk_t *chunk, uint8_t head[KC_SIGNED_HEAD_MAX]);
 
 #endif

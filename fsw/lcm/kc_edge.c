@@ -65,11 +65,11 @@ static void on_cmd(const lcm_recv_buf_t *buf, const char *channel, void *user)
 
 static void on_chunk(const lcm_recv_buf_t *buf, const char *channel, void *user)
 {
-    static kc_chunk_t chunk;
+    static kc_table_chunk_t chunk;
     kc_edge_t *e = user;
     (void)channel;
     if (!DECODE(e, buf, table_chunk_t, chunk)) { return; }
-    kc_wire_chunk(&s_rx.chunk, &chunk);
+    kc_wire_table_up(&s_rx.chunk, &chunk);
     bool vouched = kc_app_vouches_chunk(e->app, &chunk, &e->macs_chunk);
     (void)counted(e, kc_queue_chunk(&e->queue, stamp(e, s_rx.chunk.t_us), e->now_us, &chunk, vouched));
 }
@@ -80,7 +80,7 @@ static void on_det(const lcm_recv_buf_t *buf, const char *channel, void *user)
     kc_edge_t *e = user;
     (void)channel;
     if (!DECODE(e, buf, detection_t, det)) { return; }
-    kc_wire_det(&s_rx.det, &det);
+    kc_wire_detection(&s_rx.det, &det);
     (void)counted(e, kc_queue_det(&e->queue, stamp(e, s_rx.det.t_us), e->now_us, &det));
 }
 
@@ -89,7 +89,7 @@ static void on_arm(const lcm_recv_buf_t *buf, const char *channel, void *user)
     kc_edge_t *e = user;
     (void)channel;
     if (!DECODE(e, buf, arm_state_t, arm)) { return; }
-    kc_wire_arm(&s_rx.arm, &e->in.arm);
+    kc_wire_arm_state(&s_rx.arm, &e->in.arm);
     e->in.has_arm = 1u;
 }
 
@@ -98,7 +98,7 @@ static void on_pantilt(const lcm_recv_buf_t *buf, const char *channel, void *use
     kc_edge_t *e = user;
     (void)channel;
     if (!DECODE(e, buf, pantilt_state_t, pantilt)) { return; }
-    kc_wire_pantilt(&s_rx.pantilt, &e->in.pantilt);
+    kc_wire_pantilt_state(&s_rx.pantilt, &e->in.pantilt);
     e->in.has_pantilt = 1u;
 }
 

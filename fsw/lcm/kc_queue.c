@@ -30,11 +30,11 @@ static uint32_t cmds(const kc_queue_t *queue, uint32_t account, const kc_cmd_t *
     return n;
 }
 
-static uint32_t chunks(const kc_queue_t *queue, uint32_t account, const kc_chunk_t *chunk, bool *copy)
+static uint32_t chunks(const kc_queue_t *queue, uint32_t account, const kc_table_chunk_t *chunk, bool *copy)
 {
     uint32_t n = 0u;
     for (uint32_t i = 0u; i < queue->n_chunk; i++) {
-        const kc_chunk_t *o = &queue->chunk[i].m;
+        const kc_table_chunk_t *o = &queue->chunk[i].m;
         if (queue->chunk[i].account != account) { continue; }
         n++;
         *copy = *copy || (o->source == chunk->source && same_signature(&o->auth, &chunk->auth));
@@ -54,7 +54,7 @@ static uint32_t account_of_cmd(const kc_queue_t *queue, const kc_cmd_t *cmd, boo
     return cmds(queue, shared, cmd, &any) < KC_Q_CMD_QUOTA ? shared : NO_ROOM;
 }
 
-static uint32_t account_of_chunk(const kc_queue_t *queue, const kc_chunk_t *chunk, bool vouched)
+static uint32_t account_of_chunk(const kc_queue_t *queue, const kc_table_chunk_t *chunk, bool vouched)
 {
     bool copy = false, any = false;
     if (vouched) {
@@ -149,7 +149,8 @@ static void take_cmds(kc_queue_t *queue, int64_t now_us, kc_in_t *in)
 
 /* ---- table chunks ---- */
 
-bool kc_queue_chunk(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_chunk_t *chunk, bool vouched)
+bool kc_queue_chunk(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_table_chunk_t *chunk,
+                    bool vouched)
 {
     uint32_t account = ahead(t_us, now_us) ? NO_ROOM : account_of_chunk(queue, chunk, vouched);
     if (account == NO_ROOM || queue->n_chunk >= KC_Q_CHUNK) { return false; }

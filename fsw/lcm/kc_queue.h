@@ -39,7 +39,7 @@ typedef struct {
 typedef struct {
     int64_t t_us;
     uint32_t account;
-    kc_chunk_t m;
+    kc_table_chunk_t m;
 } kc_waiting_chunk_t;
 typedef struct {
     int64_t t_us;
@@ -56,7 +56,8 @@ typedef struct {
 /* Whether the message waits now; false if there is no room or the stamp lies too far ahead of now: it is lost. vouched: a
  * holder of a key sent it. */
 bool kc_queue_cmd(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_cmd_t *cmd, bool vouched);
-bool kc_queue_chunk(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_chunk_t *chunk, bool vouched);
+bool kc_queue_chunk(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_table_chunk_t *chunk,
+                    bool vouched);
 bool kc_queue_det(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_detection_t *det);
 /* Move what is due into in, as much as one step takes; the rest waits for the next. */
 void kc_queue_take(kc_queue_t *queue, int64_t now_us, kc_in_t *in);

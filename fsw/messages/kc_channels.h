@@ -27,7 +27,7 @@ typedef struct {
     uint32_t n_cmd, n_chunk, n_det;
     uint32_t n_rx_errors;
     kc_cmd_t cmd[KC_CMD_QUEUE_MAX];
-    kc_chunk_t chunk[KC_CHUNK_QUEUE_MAX];
+    kc_table_chunk_t chunk[KC_CHUNK_QUEUE_MAX];
     kc_detection_t det[KC_DET_QUEUE_MAX];
     uint8_t has_arm, has_pantilt;
     kc_arm_state_t arm;

@@ -43,7 +43,7 @@ static uint32_t bytes(const kc_dump_t *dump, const kc_review_t *review, const kc
 void kc_dump_run(kc_dump_t *dump, const kc_review_t *review, const kc_view_t *view, kc_work_t *work,
                  kc_out_t *out)
 {
-    kc_chunk_t *c = &out->table_down;
+    kc_table_chunk_t *c = &out->table_down;
     if (dump->kind == 0u || !kc_work_take(work, CHUNK_COST)) { return; }
     uint32_t crc = crc_of(review, view, (int32_t)dump->kind);
     if (dump->at == 0u) { dump->crc = crc; }

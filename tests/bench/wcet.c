@@ -102,8 +102,8 @@ static void send_table(uint16_t kind, const void *table)
     uint32_t n = given_image(kind, table, world.image), crc = kc_tbl_image_crc(world.image, n);
     for (uint32_t at = 0u; at < n;) {
         for (uint32_t i = 0u; i < KC_CHUNK_QUEUE_MAX && at < n; i++) {
-            kc_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
-            *c = (kc_chunk_t){.kind = kind, .total = n, .offset = at};
+            kc_table_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
+            *c = (kc_table_chunk_t){.kind = kind, .total = n, .offset = at};
             c->n = n - at < KC_CHUNK_BYTES ? n - at : KC_CHUNK_BYTES;
             memcpy(c->data, &world.image[at], c->n);
             at += c->n;

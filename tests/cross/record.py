@@ -20,9 +20,9 @@ from kincal.run import onboard
 from kincal.run.inprocess import Hooks, Setup, simulate
 
 FFI = onboard._FLIGHT.ffi
-IN = ("kc_keys_t", "kc_cmd_t", "kc_chunk_t", "kc_detection_t", "kc_arm_state_t", "kc_pantilt_state_t")
+IN = ("kc_keys_t", "kc_cmd_t", "kc_table_chunk_t", "kc_detection_t", "kc_arm_state_t", "kc_pantilt_state_t")
 OUT = ("kc_ack_t", "kc_event_t", "kc_arm_cmd_t", "kc_pantilt_cmd_t", "kc_hk_t", "kc_meas_t", "kc_progress_t",
-       "kc_proposal_t", "kc_chunk_t")  # fmt: skip
+       "kc_proposal_t", "kc_table_chunk_t")  # fmt: skip
 LINE_STEPS = 100
 # scenario, seed, how: the paper's errors, bending links, and nothing wrong but the power
 RUNS = (

@@ -39,7 +39,7 @@ static void walk_in(kc_walk_t *w)
     uint32_t n = kc_walk_count(w, 0u, &in.n_cmd, 0u, KC_CMD_QUEUE_MAX);
     for (uint32_t i = 0u; i < n; i++) { walk_kc_cmd_t(w, &in.cmd[i]); }
     n = kc_walk_count(w, 0u, &in.n_chunk, 0u, KC_CHUNK_QUEUE_MAX);
-    for (uint32_t i = 0u; i < n; i++) { walk_kc_chunk_t(w, &in.chunk[i]); }
+    for (uint32_t i = 0u; i < n; i++) { walk_kc_table_chunk_t(w, &in.chunk[i]); }
     n = kc_walk_count(w, 0u, &in.n_det, 0u, KC_DET_QUEUE_MAX);
     for (uint32_t i = 0u; i < n; i++) { walk_kc_detection_t(w, &in.det[i]); }
     kc_walk_u8(w, 0u, &in.has_arm, 0u, 1u);
@@ -66,7 +66,7 @@ static void sum_telemetry(kc_walk_t *w)
     if (out.has_hk) { walk_kc_hk_t(w, &out.hk); }
     if (out.has_meas) { walk_kc_meas_t(w, &out.meas); }
     if (out.has_progress) { walk_kc_progress_t(w, &out.progress); }
-    if (out.has_table_down) { walk_kc_chunk_t(w, &out.table_down); }
+    if (out.has_table_down) { walk_kc_table_chunk_t(w, &out.table_down); }
 }
 
 static void sum_store(kc_walk_t *w)

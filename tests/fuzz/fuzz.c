@@ -229,7 +229,7 @@ static void check_counts(const kc_app_t *app, const kc_out_t *out)
     for (uint32_t i = 0u; i < out->n_store; i++) {
         MUST(out->store[i].n <= KC_IMAGE_MAX && (out->store[i].n == 0u || out->store[i].data != NULL));
     }
-    const kc_chunk_t *c = &out->table_down;
+    const kc_table_chunk_t *c = &out->table_down;
     MUST(c->n <= KC_CHUNK_BYTES && c->offset + c->n <= c->total);
     MUST(app->est.n_obs <= KC_MEAS_MAX && app->plan.n_meas <= KC_MEAS_MAX);
 }

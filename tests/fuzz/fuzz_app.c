@@ -53,7 +53,7 @@ typedef struct {
 } spoil_t;
 
 static spoil_t s_spoil;
-static kc_chunk_t s_chunk[KC_CHUNK_QUEUE_MAX];
+static kc_table_chunk_t s_chunk[KC_CHUNK_QUEUE_MAX];
 static uint32_t s_n_chunk;
 static kc_detection_t s_det; /* the newest one that was seen */
 static int32_t s_faults; /* of the arm, in the input of the last step */
@@ -220,14 +220,14 @@ static void uplink(fuzz_t *f)
     if (how & 1u) { fuzz_spoil(f, image, n); }
     if ((how & 2u) == 0u) { fuzz_seal_image(kind, image, n); }
     for (s_n_chunk = 0u; s_n_chunk < KC_CHUNK_QUEUE_MAX && s_n_chunk * KC_CHUNK_BYTES < n; s_n_chunk++) {
-        kc_chunk_t *c = &s_chunk[s_n_chunk];
+        kc_table_chunk_t *c = &s_chunk[s_n_chunk];
         uint32_t at = s_n_chunk * KC_CHUNK_BYTES;
-        *c = (kc_chunk_t){.kind = kind, .total = n, .offset = at};
+        *c = (kc_table_chunk_t){.kind = kind, .total = n, .offset = at};
         c->n = n - at < KC_CHUNK_BYTES ? n - at : KC_CHUNK_BYTES;
         memcpy(c->data, &image[at], c->n);
     }
     if (how & 4u) { /* a bad chunk */
-        kc_chunk_t *c = &s_chunk[fuzz_u8(f) % KC_CHUNK_QUEUE_MAX];
+        kc_table_chunk_t *c = &s_chunk[fuzz_u8(f) % KC_CHUNK_QUEUE_MAX];
         *(how & 8u ? &c->n : how & 16u ? &c->offset : &c->total) = fuzz_u32(f);
         if (how & 32u) { c->kind = (int32_t)(int8_t)fuzz_u8(f); }
     }

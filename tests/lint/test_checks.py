@@ -59,7 +59,8 @@ def tree(root: Path) -> Path:
         name = f"fsw/{room}/kc_{room}.{'cpp' if room == 'eigen' else 'c'}"
         files[name] = f'#include "kc_{room}.h"\nint kc_{room}(int n) {{ return n; }}\n'
     files |= {
-        "fsw/msg/time_t.lcm": "package kcm; struct time_t { int64_t us; }\n",
+        "fsw/msg/time_t.lcm": "package kcm;\n// Channel KC_TIME: simulator -> flight; 10 Hz; time.\n"
+        "struct time_t\n{\nint64_t us;\n}\n",
         "fsw/lcm/main.c": "int main(void) { return 0; }\n",
         "ground/native/kg_batch.c": '#include "kc_model.h"\n'
         "int kg(void);\nint kg(void) { return kc_model(1); }\n",
@@ -75,6 +76,7 @@ def tree(root: Path) -> Path:
     for name in ("CMakeLists.txt", "fsw/CMakeLists.txt", "sim/tagdet/CMakeLists.txt", "ground/CMakeLists.txt",
                  "fsw/musl/kc_musl_names.h", "fsw/math/kc_libm.h",
                  "tests/cross/CMakeLists.txt", "tests/cross/replay.c", "tests/cross/host.c", "ground/cdef.py",
+                 "ground/lcm_files.py", "ground/message_structs.py",
                  "tests/unit/CMakeLists.txt", "tests/unit/main.c.in"):  # fmt: skip
         files[name] = (ROOT / name).read_text()
     return write(root, files)

@@ -78,7 +78,7 @@ def test_the_mac_is_that_of_hashlib_at_every_length():
     ("make", "sign", "fill", "signed", "struct_name"),
     [
         (command, "command", wire.fill_cmd, "kc_signed_cmd", "kc_cmd_t"),
-        (chunk, "chunk", wire.fill_chunk, "kc_signed_chunk", "kc_chunk_t"),
+        (chunk, "chunk", wire.fill_chunk, "kc_signed_chunk", "kc_table_chunk_t"),
     ],
 )
 def test_sender_and_flight_sign_the_same_bytes(make, sign, fill, signed, struct_name):

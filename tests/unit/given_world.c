@@ -361,7 +361,7 @@ void world_sign_cmd(kc_cmd_t *c)
     world.sent[world.counter % KC_CMD_QUEUE_MAX] = *c;
 }
 
-void world_sign_chunk(kc_chunk_t *c)
+void world_sign_chunk(kc_table_chunk_t *c)
 {
     uint8_t head[KC_SIGNED_HEAD_MAX];
     if (c->source == 0) { c->source = KC_SRC_GROUND; }

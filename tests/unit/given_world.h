@@ -99,7 +99,7 @@ bool world_until_event(uint32_t id, uint32_t max);
 kc_cmd_t *world_cmd(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
 /* Sign a message with the next counter. */
 void world_sign_cmd(kc_cmd_t *c);
-void world_sign_chunk(kc_chunk_t *c);
+void world_sign_chunk(kc_table_chunk_t *c);
 /* Put a command into the next tick, then ticks until it is answered; returns the status of its answer. */
 int32_t world_do(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
 /* Step until no change is being stored. */

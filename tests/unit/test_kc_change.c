@@ -190,7 +190,7 @@ static int32_t stage(uint16_t kind, const void *table)
     uint32_t n = given_image(kind, table, image);
     for (uint32_t at = 0u; at < n; at += KC_CHUNK_BYTES) {
         uint32_t left = n - at, part = left < KC_CHUNK_BYTES ? left : KC_CHUNK_BYTES;
-        world.in.chunk[0] = (kc_chunk_t){.kind = kind, .total = n, .offset = at, .n = part};
+        world.in.chunk[0] = (kc_table_chunk_t){.kind = kind, .total = n, .offset = at, .n = part};
         memcpy(world.in.chunk[0].data, &image[at], part);
         world.in.n_chunk = 1u;
         world_tick();

@@ -427,7 +427,7 @@ void test_tables_cannot_change_while_a_calibration_runs(void)
 static void send_chunks(uint16_t kind)
 {
     for (uint32_t at = 0u; at < s_n; at += KC_CHUNK_BYTES) {
-        kc_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
+        kc_table_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
         c->kind = kind;
         c->total = s_n;
         c->offset = at;
@@ -636,7 +636,7 @@ static uint32_t collect(uint32_t max)
 {
     uint32_t total = 0u;
     for (uint32_t i = 0u; i < max; i++) {
-        const kc_chunk_t *c = &world.out.table_down;
+        const kc_table_chunk_t *c = &world.out.table_down;
         if (world.out.has_table_down) {
             memcpy(&s_dumped[c->offset], c->data, c->n);
             total = c->total;
@@ -753,7 +753,7 @@ void test_of_chunks_no_more_are_read_than_the_queue_holds(void)
     memset(&world.in, 0, sizeof world.in);
     world.in.n_chunk = KC_CHUNK_QUEUE_MAX + 1u;
     for (uint32_t i = 0u; i < KC_CHUNK_QUEUE_MAX; i++) {
-        kc_chunk_t *c = &world.in.chunk[i];
+        kc_table_chunk_t *c = &world.in.chunk[i];
         c->kind = KC_TBL_SPACE;
         c->total = s_n;
         c->offset = i * KC_CHUNK_BYTES;

@@ -196,9 +196,9 @@ static void sign(kcm_cmd_t *m)
 
 static void sign_chunk(kcm_table_chunk_t *m)
 {
-    static kc_chunk_t c;
+    static kc_table_chunk_t c;
     m->source = 2;
-    kc_wire_chunk(m, &c);
+    kc_wire_table_up(m, &c);
     world_sign_chunk(&c);
     to_wire(&c.auth, &m->key_id, &m->counter, m->mac);
 }

@@ -1066,8 +1066,8 @@ static int32_t from_ground(void)
     s_n = given_image(KC_TBL_KIN, &kin, s_image);
     int32_t crc = (int32_t)kc_tbl_image_crc(s_image, s_n);
     for (uint32_t at = 0u; at < s_n; at += KC_CHUNK_BYTES) {
-        kc_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
-        *c = (kc_chunk_t){.kind = KC_TBL_KIN, .total = s_n, .offset = at};
+        kc_table_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
+        *c = (kc_table_chunk_t){.kind = KC_TBL_KIN, .total = s_n, .offset = at};
         c->n = s_n - at < KC_CHUNK_BYTES ? s_n - at : KC_CHUNK_BYTES;
         memcpy(c->data, &s_image[at], c->n);
     }

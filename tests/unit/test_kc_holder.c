@@ -205,7 +205,7 @@ static int32_t stage(uint32_t signer, uint16_t kind, const void *table)
     (void)kc_tbl_encode(kind, table, 0u, image, sizeof image, &n);
     world.signer = signer;
     for (uint32_t at = 0u; at < n; at += KC_CHUNK_BYTES) {
-        kc_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
+        kc_table_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
         memset(c, 0, sizeof *c);
         c->kind = kind;
         c->total = n;

@@ -7,7 +7,7 @@
 static kc_queue_t s_q;
 static kc_in_t s_in;
 static kc_cmd_t s_c;
-static kc_chunk_t s_k;
+static kc_table_chunk_t s_k;
 static kc_detection_t s_d;
 static uint64_t s_counter;
 

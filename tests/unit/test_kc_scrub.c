@@ -130,7 +130,7 @@ void test_a_correction_that_changed_in_memory_can_be_replaced_from_the_ground(vo
     int32_t crc = (int32_t)kc_tbl_image_crc(world.image, n);
     for (uint32_t at = 0u; at < n; at += KC_CHUNK_BYTES) {
         uint32_t left = n - at, part = left < KC_CHUNK_BYTES ? left : KC_CHUNK_BYTES;
-        world.in.chunk[0] = (kc_chunk_t){.kind = KC_TBL_KIN, .total = n, .offset = at, .n = part};
+        world.in.chunk[0] = (kc_table_chunk_t){.kind = KC_TBL_KIN, .total = n, .offset = at, .n = part};
         memcpy(world.in.chunk[0].data, &world.image[at], part);
         world.in.n_chunk = 1u;
         world_tick();

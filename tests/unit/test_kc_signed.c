@@ -9,7 +9,7 @@
 
 #define APP (&kc_app_instance)
 
-static kc_chunk_t s_chunk;
+static kc_table_chunk_t s_chunk;
 
 void setUp(void);
 void setUp(void)
@@ -28,11 +28,11 @@ static kc_cmd_t given_start(void)
     return c;
 }
 
-static const kc_chunk_t *given_chunk(void)
+static const kc_table_chunk_t *given_chunk(void)
 {
     world.config.n_poses = 9u;
     uint32_t n = given_image(KC_TBL_CONFIG, &world.config, world.image);
-    s_chunk = (kc_chunk_t){.t_us = world.now_us, .kind = KC_TBL_CONFIG, .total = n, .n = n};
+    s_chunk = (kc_table_chunk_t){.t_us = world.now_us, .kind = KC_TBL_CONFIG, .total = n, .n = n};
     memcpy(s_chunk.data, world.image, n);
     world_sign_chunk(&s_chunk);
     return &s_chunk;
@@ -45,7 +45,7 @@ static void send(const kc_cmd_t *c)
     world_tick();
 }
 
-static void send_chunk(const kc_chunk_t *c)
+static void send_chunk(const kc_table_chunk_t *c)
 {
     world.as_sent = true;
     world.in.chunk[world.in.n_chunk++] = *c;
@@ -74,7 +74,7 @@ static void refused(const kc_cmd_t *c)
     TEST_ASSERT_EQUAL_MEMORY(log.seq, APP->cmd_log.seq, sizeof log.seq);
 }
 
-static void refused_chunk(const kc_chunk_t *c)
+static void refused_chunk(const kc_table_chunk_t *c)
 {
     kc_cmd_log_t log = APP->cmd_log;
     uint32_t before = refusals();
@@ -140,7 +140,7 @@ void test_a_chunk_is_laid_out_with_all_its_bytes(void)
         10,  0,   0,   0, /* source to n */
     };
     uint8_t head[KC_SIGNED_HEAD_MAX];
-    s_chunk = (kc_chunk_t){.t_us = 6u, .source = 2, .kind = 7, .total = 8u, .offset = 9u, .n = 10u};
+    s_chunk = (kc_table_chunk_t){.t_us = 6u, .source = 2, .kind = 7, .total = 8u, .offset = 9u, .n = 10u};
     s_chunk.auth = (kc_auth_t){.key_id = 4u, .counter = 5u};
     kc_auth_text_t text = kc_signed_chunk(&s_chunk, head);
     TEST_ASSERT_EQUAL_UINT32(sizeof expected, text.n_head);
@@ -179,7 +179,7 @@ void test_a_command_with_any_bit_flipped_changes_nothing(void)
 
 void test_a_chunk_with_any_bit_flipped_changes_nothing(void)
 {
-    static kc_chunk_t good;
+    static kc_table_chunk_t good;
     good = *given_chunk();
     for (uint32_t bit = 0u; bit < 8u * KC_CHUNK_BYTES; bit += 7u) { /* every bit: test_kc_auth.c */
         s_chunk = good;
@@ -474,7 +474,7 @@ void test_the_largest_age_is_that_of_config_before_and_after_now(void)
 
 void test_an_old_chunk_is_refused_too(void)
 {
-    const kc_chunk_t *c = given_chunk();
+    const kc_table_chunk_t *c = given_chunk();
     world.now_us += 2u * (uint64_t)DAY_US;
     send_chunk(c);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_OLD));
@@ -633,7 +633,7 @@ void test_it_is_vouched_for_what_a_step_would_take(void)
 void test_chunks_are_vouched_for_alike(void)
 {
     uint32_t macs = 2u;
-    kc_chunk_t c = *given_chunk();
+    kc_table_chunk_t c = *given_chunk();
     TEST_ASSERT_TRUE(kc_app_vouches_chunk(APP, &c, &macs));
     c.data[1000] ^= 1u;
     TEST_ASSERT_FALSE(kc_app_vouches_chunk(APP, &c, &macs));

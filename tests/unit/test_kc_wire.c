@@ -31,7 +31,7 @@ void test_commands_keep_every_argument(void)
 void test_negative_sizes_of_a_chunk_become_too_large(void)
 {
     static kcm_table_chunk_t m;
-    static kc_chunk_t c;
+    static kc_table_chunk_t c;
     m.kind = 5;
     m.total_bytes = -1;
     m.offset = -1024;
@@ -42,7 +42,7 @@ void test_negative_sizes_of_a_chunk_become_too_large(void)
     m.key_id = 8;
     m.counter = 9;
     m.mac[1] = 10;
-    kc_wire_chunk(&m, &c);
+    kc_wire_table_up(&m, &c);
     TEST_ASSERT_EQUAL_UINT64(3u, c.t_us);
     TEST_ASSERT_EQUAL_INT(2, c.source);
     TEST_ASSERT_EQUAL_UINT32(8u, c.auth.key_id);
@@ -73,7 +73,7 @@ void test_arm_and_pantilt_states_keep_every_reading(void)
     m.temp_c = -30.0;
     m.payload_kg = 0.5;
     fill(m.g_m_s2, 3u, 31.0);
-    kc_wire_arm(&m, &s);
+    kc_wire_arm_state(&m, &s);
     TEST_ASSERT_EQUAL_UINT64(5u, s.t_us);
     TEST_ASSERT_EQUAL_UINT32(7u, s.n_joints);
     TEST_ASSERT_EQUAL_DOUBLE(8.0, s.q[7]);
@@ -84,7 +84,7 @@ void test_arm_and_pantilt_states_keep_every_reading(void)
     TEST_ASSERT_EQUAL_INT(9 | 4, s.fault_mask); /* one of an earlier state of the step stays */
     TEST_ASSERT_EQUAL_DOUBLE(-30.0, s.temp_c);
     TEST_ASSERT_EQUAL_DOUBLE(33.0, s.g_m_s2[2]);
-    kc_wire_pantilt(&hm, &h);
+    kc_wire_pantilt_state(&hm, &h);
     TEST_ASSERT_EQUAL_UINT64(10u, h.t_us);
     TEST_ASSERT_EQUAL_INT(11, h.seq);
     TEST_ASSERT_EQUAL_DOUBLE(0.2, h.tilt_rad);
@@ -102,7 +102,7 @@ void test_a_detection_unpacks_its_covariance(void)
     m.p_alt_m[2] = 0.3;
     m.rms_alt_px = 0.7;
     m.v_px = 12.0;
-    kc_wire_det(&m, &d);
+    kc_wire_detection(&m, &d);
     TEST_ASSERT_EQUAL_DOUBLE(5.0, d.cov[5]);
     TEST_ASSERT_EQUAL_DOUBLE(5.0, d.cov[30]);
     TEST_ASSERT_EQUAL_DOUBLE(6.0, d.cov[7]);
@@ -120,7 +120,7 @@ void test_answers_events_and_commands_go_out_whole(void)
     const kc_ack_t a = {1, 2, 3, -4, 15};
     const kc_event_t e = {61, KC_SEV_INFO, 7, 0.5, 0.6};
     static kc_arm_cmd_t c;
-    static kc_chunk_t k;
+    static kc_table_chunk_t k;
     kcm_ack_t am;
     kcm_event_t em;
     kcm_arm_cmd_t cm;

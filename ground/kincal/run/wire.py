@@ -1,7 +1,7 @@
 """Messages of LCM to the structs of kc_app_step and back, for flight in this process.
 
-The flight process does the same in fsw/lcm/kc_wire.c. A test compares the two: every message of a run, byte
-for byte.
+The flight process does the same in kc_wire.c, which the build makes from fsw/msg. A test compares the
+two: every message of a run, byte for byte.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
         KcArmCmd,
         KcArmState,
         KcAuth,
-        KcChunk,
         KcCmd,
         KcDetection,
         KcIn,
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
         KcOut,
         KcPantiltState,
         KcProposal,
+        KcTableChunk,
     )
     from kincal.link.messages import ArmState, Cmd, Detection, LcmMessage, PantiltState, TableChunk
 
@@ -94,7 +94,7 @@ def fill_cmd(s: KcCmd, m: Cmd) -> None:
     _fill_auth(s.auth, m)
 
 
-def fill_chunk(s: KcChunk, m: TableChunk) -> None:
+def fill_chunk(s: KcTableChunk, m: TableChunk) -> None:
     """KC_TABLE_UP."""
     _alike(s, m)
     s.data[0 : len(m.data)], s.total = bytes(m.data), _unsigned32(m.total_bytes)
@@ -218,7 +218,7 @@ def _arm_cmd(s: KcArmCmd, t_us: int) -> LcmMessage:
     return _message("arm_cmd_t", s, t_us=t_us, q_rad=list(s.q))
 
 
-def _table_down(s: KcChunk, t_us: int) -> LcmMessage:
+def _table_down(s: KcTableChunk, t_us: int) -> LcmMessage:
     """Nobody's, and not signed."""
     given = {"t_us": t_us, "total_bytes": signed32(s.total), "data": bytes(s.data)}
     return _message("table_chunk_t", s, **given, key_id=0, counter=0, mac=[0, 0])
