@@ -43,6 +43,15 @@ def test_import_alone_is_light():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
 
 
+def test_a_command_that_needs_neither_starts_without_scipy_and_the_parser_of_c():
+    code = (
+        "import sys; from kincal.cli import main; main(['review', '--help'], standalone_mode=False);"
+        "print([n for n in ('kincal.review', 'scipy', 'pycparser') if n in sys.modules])"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert said.stdout.splitlines()[-1] == "['kincal.review']", said.stderr
+
+
 def test_names_are_there_and_others_are_not():
     assert set(kincal.__all__) <= set(dir(kincal))
     with pytest.raises(AttributeError, match="calibrate"):
