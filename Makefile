@@ -94,7 +94,7 @@ PYTEST := $(PY) -m pytest -q -rsfE -c tests/pytest.ini
 ctest   = $(Q)ctest --test-dir $(BUILD)/$1 -j $(PROCESSORS) --progress --output-on-failure --no-tests=error \
     --output-junit $(CURDIR)/$(JUNIT)/$2.xml
 
-.PHONY: unit unit-san oracle integration ground-test lint-test
+.PHONY: unit unit-san oracle integration ground-test live-test lint-test
 unit: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## unit tests
 	$(call compile,rel,units)
 	$(call ctest,rel,unit)
@@ -109,8 +109,14 @@ oracle: core .venv/.stamp-dev ## the core's numbers against independent librarie
 integration: build .venv/.stamp-dev ## processes over LCM
 	$(PYTEST) tests/integration --junitxml=$(JUNIT)/integration.xml
 
-ground-test: build .venv/.stamp-dev ## the ground tool
-	$(PYTEST) tests/ground --junitxml=$(JUNIT)/ground.xml
+# Those that wait for a flight, a browser or a worker are a step of their own: they leave the processor to the others.
+LIVE := $(foreach t,campaign command console% corrected killed operat% recording two_holders,\
+    $(filter tests/ground/test_$t.py,$(wildcard tests/ground/*.py)))
+ground-test: build .venv/.stamp-dev ## the ground tool, but for live-test
+	$(PYTEST) tests/ground $(LIVE:%=--ignore=%) --junitxml=$(JUNIT)/ground.xml
+
+live-test: build .venv/.stamp-dev ## the ground tool while flight runs: console, commands, kills, campaigns
+	$(PYTEST) $(LIVE) --junitxml=$(JUNIT)/live.xml
 
 lint-test: $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## the checks find what they are there for
 	$(PYTEST) tests/lint --junitxml=$(JUNIT)/lint.xml
@@ -120,7 +126,7 @@ test: ## everything a change has to pass, with a summary
 	@$(MAKE) --no-print-directory -j4 setup
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log --first build --first unit \
-	    ground-test lint integration unit-san cov wcet sigma-short fuzz lint-test oracle mutation-short size heapcheck
+	    ground-test live-test lint integration unit-san cov wcet sigma-short fuzz lint-test oracle mutation-short size heapcheck
 
 # libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
 # harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.

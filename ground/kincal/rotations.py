@@ -7,18 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Floats: TypeAlias = NDArray[np.float64]
 
 
+def _rotation() -> type[Rotation]:
+    """scipy's class, loaded when first asked for: that takes as long as all else that a command loads."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation
+
+
 def rotation_of_wxyz(quat_wxyz: ArrayLike) -> Rotation:
     """scipy Rotation of (..., 4) quaternions, which need not be of unit length. ValueError for a zero one."""
-    return Rotation.from_quat(np.asarray(quat_wxyz, dtype=float), scalar_first=True)
+    return _rotation().from_quat(np.asarray(quat_wxyz, dtype=float), scalar_first=True)
 
 
 def matrix_of_wxyz(quat_wxyz: ArrayLike) -> Floats:
@@ -29,23 +38,23 @@ def matrix_of_wxyz(quat_wxyz: ArrayLike) -> Floats:
 def wxyz_of_matrix(matrix: ArrayLike) -> Floats:
     """(..., 4) unit quaternions with w >= 0 of (..., 3, 3) rotation matrices; with w = 0 the first of x, y, z
     that is not zero is positive."""
-    return Rotation.from_matrix(np.asarray(matrix, dtype=float)).as_quat(canonical=True, scalar_first=True)
+    return _rotation().from_matrix(np.asarray(matrix, dtype=float)).as_quat(canonical=True, scalar_first=True)
 
 
 def rotvec_of_matrix(matrix: ArrayLike) -> Floats:
     """(..., 3) rotation vectors [rad], length 0..pi."""
-    return Rotation.from_matrix(np.asarray(matrix, dtype=float)).as_rotvec()
+    return _rotation().from_matrix(np.asarray(matrix, dtype=float)).as_rotvec()
 
 
 def angle_of_matrix(matrix: ArrayLike) -> Floats:
     """Angle of (..., 3, 3) rotation matrices [rad], 0..pi, accurate near both ends."""
-    return np.asarray(Rotation.from_matrix(np.asarray(matrix, dtype=float)).magnitude())
+    return np.asarray(_rotation().from_matrix(np.asarray(matrix, dtype=float)).magnitude())
 
 
 def nearest_rotation(matrix: ArrayLike) -> Floats:
     """The rotation matrix nearest to a 3x3 matrix in the Frobenius norm: sum of the inner products of its
     columns with the axes, which is Wahba's problem."""
-    found, _ = Rotation.align_vectors(np.asarray(matrix, dtype=float).T, np.eye(3))
+    found, _ = _rotation().align_vectors(np.asarray(matrix, dtype=float).T, np.eye(3))
     return found.as_matrix()
 
 
@@ -120,5 +129,5 @@ def rigid_fit(points_m: ArrayLike, seen_m: ArrayLike) -> Pose:
     if len(points) < 3:
         raise ValueError(f"{len(points)} points do not fix a rigid motion; three or more are needed")
     centre, centre_seen = points.mean(axis=0), seen.mean(axis=0)
-    turn, _ = Rotation.align_vectors(seen - centre_seen, points - centre)
+    turn, _ = _rotation().align_vectors(seen - centre_seen, points - centre)
     return Pose(centre_seen - turn.apply(centre), turn.as_matrix())

@@ -66,3 +66,11 @@ def plain(wheel, tmp_path_factory):
 @pytest.fixture(scope="session")
 def full(wheel, tmp_path_factory):
     return environment(tmp_path_factory.mktemp("full"), wheel, EXTRAS)
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """A calibration that has ended with a proposal: flown once, each `WaitingFlight` copies its store."""
+    from waiting_flight import proposed  # loads the simulator, which few files need
+
+    return proposed(tmp_path_factory.mktemp("proposed"))

@@ -43,6 +43,21 @@ def test_import_alone_is_light():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize(
+    ("start", "without"),
+    [
+        ("from kincal.cli import main; main(['review', '--help'], standalone_mode=False)",
+         {"scipy", "pycparser", "kincal.workbench"}),
+        ("import kincal.campaign.worker", {"scipy.stats", "pycparser", "kincal.workbench"}),
+    ],
+)  # fmt: skip
+def test_what_takes_long_to_load_waits_until_it_is_needed(start, without):
+    ask = f"print(sorted({without} & sys.modules.keys()), 'kincal.review' in sys.modules)"
+    code = f"import sys; {start}; {ask}"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert said.stdout.splitlines()[-1] == "[] True", said.stderr
+
+
 def test_names_are_there_and_others_are_not():
     assert set(kincal.__all__) <= set(dir(kincal))
     with pytest.raises(AttributeError, match="calibrate"):

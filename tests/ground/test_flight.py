@@ -137,6 +137,25 @@ def test_a_library_that_was_not_built_is_named(monkeypatch, tmp_path):
         module.library_file("ground")
 
 
+def test_declarations_are_parsed_once_and_again_when_they_change(tmp_path, monkeypatch, capsys):
+    import cffi
+
+    from kincal.flight.builds import _declared
+
+    parsed, cdef = [], cffi.FFI.cdef
+    monkeypatch.setattr(cffi.FFI, "cdef", lambda *given: parsed.append(1) or cdef(*given))
+    two, three = (f"#define N {n}\ntypedef struct {{ double a; int b[{n}]; }} one_t;" for n in (2, 3))
+    kept = tmp_path / "one.parsed"
+    for declarations, size, times in ((two, 16, 1), (two, 16, 1), (three, 24, 2), (three, 24, 2)):
+        ffi = _declared(declarations, kept)
+        assert (ffi.sizeof("one_t"), ffi.dlopen(None).N, len(parsed)) == (size, size // 8, times)
+    kept.write_bytes(b"\xff" + kept.read_bytes())  # damaged, then nowhere to be kept
+    for place in (kept, tmp_path / "none" / "one.parsed"):
+        assert _declared(three, place).sizeof("one_t") == 24
+    assert len(parsed) == 4 and list(tmp_path.iterdir()) == [kept]
+    assert capsys.readouterr() == ("", "")
+
+
 def test_numpy_sees_structs_as_c_does():
     for build in ("flight", "ground"):
         lib = library(build)

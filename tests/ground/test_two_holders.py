@@ -4,7 +4,7 @@ import json
 
 import pytest
 from click.testing import CliRunner
-from waiting_flight import WaitingFlight, proposed
+from waiting_flight import WaitingFlight
 
 import kcm
 from kincal import link as links
@@ -21,11 +21,6 @@ from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed
 
 ARM, GO = kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    return proposed(tmp_path_factory.mktemp("proposed"))
 
 
 @pytest.fixture

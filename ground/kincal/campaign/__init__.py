@@ -2,12 +2,17 @@
 
 plan: the file, resolved and checked; the cases it makes. pool: worker processes on this computer. cluster:
 the same through dask.distributed. worker: the process that flies. store: the folder of a campaign. fly: start
-to end, and one case again. statistics: what the outcomes show."""
+to end, and one case again. statistics: what the outcomes show. Each is loaded when it is first used: a worker
+needs none but its own."""
 
-from .fly import BATCH, Progress, Replayed, replay, run
-from .plan import Plan, prepare
-from .statistics import Comparison, Report, compare, report
-from .store import Results, read
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .fly import BATCH, Progress, Replayed, replay, run
+    from .plan import Plan, prepare
+    from .statistics import Comparison, Report, compare, report
+    from .store import Results, read
 
 __all__ = [
     "BATCH",
@@ -24,3 +29,17 @@ __all__ = [
     "report",
     "run",
 ]
+
+_HOME = {
+    "fly": ("BATCH", "Progress", "Replayed", "replay", "run"),
+    "plan": ("Plan", "prepare"),
+    "statistics": ("Comparison", "Report", "compare", "report"),
+    "store": ("Results", "read"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOME.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

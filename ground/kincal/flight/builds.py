@@ -11,20 +11,25 @@ Numbers, enumerations and struct layouts come from there and are written nowhere
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import redirect_stdout, suppress
 from functools import cache
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, cast, overload
 
+import _cffi_backend
 import numpy as np
-from cffi import FFI
 from numpy.typing import ArrayLike, NDArray
 
 from kincal_shared.errors import KincalError
 
 if TYPE_CHECKING:
+    from cffi import FFI
+
     from .headers import CData, FlightCore, GroundCore, New
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -62,15 +67,41 @@ class CoreError(KincalError):
         self.status = status
 
 
+def _declared(declarations: str, kept: Path) -> FFI:
+    """cffi's view of the declarations. Parsing them takes a third of a second, so the result is kept in a
+    file, and used as long as declarations and cffi are the same. If the folder cannot be written, every start
+    parses."""
+    made_from = hashlib.sha256(f"{_cffi_backend.__version__}\n{declarations}".encode()).hexdigest()
+    try:
+        head, _, code = kept.read_text().partition("\n")
+    except (OSError, UnicodeDecodeError):
+        head = code = ""
+    if head == f"# {made_from}":
+        names: dict[str, Any] = {}
+        exec(code, names)  # noqa: S102  (from the folder that the library is loaded from)
+        return cast("FFI", names["ffi"])
+    from cffi import FFI
+
+    ffi = FFI()
+    ffi.cdef(declarations)
+    own = kept.with_suffix(f".{os.getpid()}")
+    with suppress(OSError), redirect_stdout(StringIO()):  # cffi prints what it does
+        ffi.set_source(kept.stem, None)
+        ffi.emit_python_code(str(own))
+        own.write_text(f"# {made_from}\n{own.read_text()}")
+        own.replace(kept)
+    return ffi
+
+
 class _Library:
     """One build: its foreign functions, and helpers around them. Get one with `library`."""
 
     def __init__(self, build: Build) -> None:
         path = library_file(build)
         self.build: Build = build
-        self.ffi = FFI()
-        declarations = (path.parent / FILES[build][1]).read_text()
-        self.ffi.cdef(declarations)
+        header = path.parent / FILES[build][1]
+        declarations = header.read_text()
+        self.ffi = _declared(declarations, header.with_suffix(".parsed"))
         self._decimals = dict(re.findall(r"^/\* (\w+) = (\S+) \*/$", declarations, flags=re.M))
         self._lib = self.ffi.dlopen(str(path))
         self._dtypes: dict[str, np.dtype[Any]] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from kincal_shared.errors import CommandFailed
@@ -28,6 +29,7 @@ _COUNTS = {
 }
 
 
+@cache
 def message_type(type_name: str) -> Any:
     """Generated LCM class of a message type, e.g. "cmd_t". CommandFailed if the types are not built."""
     try:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from kincal_shared.errors import BadInput
 
@@ -22,8 +23,7 @@ MOST_BYTES = 1 << 26
 _AT_ONCE = 1 << 20  # bytes that are looked through for the next event
 
 
-@dataclass(frozen=True)
-class FileEvent:
+class FileEvent(NamedTuple):
     """An event of a file. channel: its printable name; data: the bytes of the message, empty if they are not
     wanted; utc_us: when it was recorded [us since 1970]."""
 
@@ -93,6 +93,7 @@ def _next_sync(file: BinaryIO, start: int) -> int:
     return -1
 
 
+@lru_cache(maxsize=256)
 def _printable(name: bytes) -> str:
     """The name of a channel; what is no printable ASCII as \\xff, so that a terminal only shows it."""
     return "".join(chr(b) if 32 <= b < 127 else f"\\x{b:02x}" for b in name)

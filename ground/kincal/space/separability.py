@@ -1,5 +1,5 @@
 """Effects that measurements in a search space could not detect or could not tell apart, by the model
-workbench."""
+workbench. That is loaded when it is asked: a simulated run needs search spaces, but no workbench."""
 
 from __future__ import annotations
 
@@ -11,11 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kincal.flight import Arm
-from kincal.workbench.data.measurements import Measurements
-from kincal.workbench.fit.least_squares import fit_model
-from kincal.workbench.model.effects import Hypothesis, Library
-from kincal.workbench.model.hypotheses import merged
-from kincal.workbench.prediction.power import CONFOUNDED_CHI2, Confounding, confounding, harm
 from kincal_shared.schema.arm import ArmTable, read_arm
 
 from .arrays import Bools, Floats
@@ -24,6 +19,9 @@ from .table import SpaceTable
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcArm
+    from kincal.workbench.data.measurements import Measurements
+    from kincal.workbench.model.effects import Hypothesis
+    from kincal.workbench.prediction.power import Confounding
 
 _SEED = 1  # of the simulated noise
 _WORST = 5  # undetectable effects that are named with the error they could cause
@@ -50,6 +48,9 @@ def separability(
 ) -> Separability:
     """For candidates `chosen`, as if each had been measured once with the nominal arm of the ARM table;
     model: arm file of the workbench."""
+    from kincal.workbench.fit.least_squares import fit_model
+    from kincal.workbench.prediction.power import CONFOUNDED_CHI2, confounding, harm
+
     geometry = read_arm(model)
     data = _simulated(arm, table.q_rad[chosen], [str(i) for i in chosen], noise or Noise())
     fit = fit_model(geometry, data)
@@ -59,13 +60,15 @@ def separability(
     return Separability(
         len(found.names),
         [name for name, show in zip(found.names, shown, strict=True) if not show],
-        _confounded(found, shown),
+        _confounded(found, shown, CONFOUNDED_CHI2),
         [(h.name, h.error_m) for h in harm(fit, hypotheses)[:_WORST]],
     )
 
 
 def _simulated(arm: KcArm, q_rad: Floats, ids: list[str], noise: Noise) -> Measurements:
     """Measurements of the nominal arm at joints (n, joints)."""
+    from kincal.workbench.data.measurements import Measurements
+
     rng = np.random.default_rng(_SEED)
     poses = Arm.of_table(arm).fk(q_rad)
     return Measurements(
@@ -80,6 +83,9 @@ def _simulated(arm: KcArm, q_rad: Floats, ids: list[str], noise: Noise) -> Measu
 
 def _hypotheses(geometry: ArmTable, data: Measurements) -> Iterator[Hypothesis]:
     """Effects of the library that the arm and data allow, at the middle of their grid of constants."""
+    from kincal.workbench.model.effects import Library
+    from kincal.workbench.model.hypotheses import merged
+
     for effect in Library.load().effects.values():
         if (
             effect.missing(geometry, data)
@@ -94,8 +100,8 @@ def _hypotheses(geometry: ArmTable, data: Measurements) -> Iterator[Hypothesis]:
             yield hypothesis
 
 
-def _confounded(found: Confounding, shown: Bools) -> list[tuple[str, str]]:
-    """Pairs of detectable effects that are too alike."""
+def _confounded(found: Confounding, shown: Bools, least: float) -> list[tuple[str, str]]:
+    """Pairs of detectable effects that are too alike: their chi2 differs by less than `least`."""
     pairs = ((i, j) for i in range(len(found.names)) for j in range(i) if shown[i] and shown[j])
-    close = ((i, j) for i, j in pairs if min(found.d2[i, j], found.d2[j, i]) < CONFOUNDED_CHI2)
+    close = ((i, j) for i, j in pairs if min(found.d2[i, j], found.d2[j, i]) < least)
     return [(found.names[i], found.names[j]) for i, j in close]

@@ -17,7 +17,6 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import pydantic
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from kincal_shared.errors import BadInput
 
@@ -423,6 +422,8 @@ def _from_modified(joints: list[Joint], base: Frame) -> tuple[list[Joint], Frame
     prod Rx(al_{i-1}) Tx(a_{i-1}) Rz(th_i) Tz(d_i) = [Rx(al_0) Tx(a_0)] prod Rz(th_i) Tz(d_i) Tx(a_i) Rx(al_i)
     with a_n = alpha_n = 0: the first pair moves into the base frame.
     """
+    from scipy.spatial.transform import Rotation  # takes longer to load than most commands to run
+
     following = [(joint.a_m, joint.alpha_rad) for joint in joints[1:]] + [(0.0, 0.0)]
     shifted = [
         replace(joint, a_m=a_m, alpha_rad=alpha_rad, com_m=_com_beyond(joint, a_m, alpha_rad))
@@ -438,6 +439,8 @@ def _com_beyond(joint: Joint, a_m: float, alpha_rad: float) -> tuple[float, floa
     """The centre of mass, from the modified to the standard frame of its link (by the same Tx Rx)."""
     if joint.com_m is None:
         return None
+    from scipy.spatial.transform import Rotation
+
     moved = np.array(joint.com_m) - [a_m, 0.0, 0.0]
     x, y, z = Rotation.from_rotvec([alpha_rad, 0.0, 0.0]).inv().apply(moved)
     return float(x), float(y), float(z)
