@@ -302,6 +302,7 @@ def _desk_routes(console: Console) -> list[Route]:
         route("/api/start", lambda d, b, _r: d.start(_number(b.get("poses", 0), "poses"), words(b))),
         route("/api/rollback", lambda d, b, _r: d.rollback(_text(b, "crc"), words(b))),
         Route("/api/review/{crc}", _answer(read(lambda d, r: d.review(crc(r))))),
+        Route("/api/review/{crc}/clearance", _answer(read(lambda d, r: d.clearance(crc(r))))),
         Route("/api/rollback/preview", _answer(read(lambda d, _r: d.rollback_preview()))),
         Route("/api/journal", _answer(read(lambda d, _r: d.log()))),
         route("/api/review/{crc}/seen", lambda d, b, r: d.see(crc(r), _text(b, "by"))),

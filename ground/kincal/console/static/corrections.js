@@ -118,11 +118,28 @@ async function load() {
   const page = document_(found.page);
   shown = { crc, found, page };
   show(parts.review, page.node);
-  page.node.querySelector(".sub").after(...[question(crc)].filter(Boolean));
+  page.node.querySelector(".sub").after(...[question(crc), clearance(crc, found.clearance)].filter(Boolean));
   page.draw();
   parts.review.scrollTop = top;
   decide();
   inbox();
+}
+
+// Clearance and reach are computed by a process of the console; the page is drawn again when they are there.
+function clearance(crc, state) {
+  if (!["running", "waiting"].includes(state?.status)) return null;
+  const bar = el("progress", { "aria-label": "Clearance and reach" }), node = el("div", { class: "progress clearance" }, "Clearance and reach with the new table are being computed ", bar);
+  const fill = (s) => { if (s.of) { bar.max = s.of; bar.value = s.done; } };
+  fill(state);
+  const timer = setInterval(async () => {
+    if (!node.isConnected) { clearInterval(timer); return; }
+    let now;
+    try { now = await ask(`review/${encodeURIComponent(crc)}/clearance`); } catch { return; }
+    if (["running", "waiting"].includes(now.status)) { fill(now); return; }
+    clearInterval(timer);
+    if (parts && shown?.crc === crc) load();
+  }, 1000);
+  return node;
 }
 
 // ------------------------------------------------------------------ decide
