@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
 import threading
 from dataclasses import asdict
@@ -35,6 +36,7 @@ from kincal_shared.errors import CommandFailed
 @click.option("--seconds", type=float, default=None, show_default="until Ctrl-C", help="How long.")
 @click.option("--quiet", is_flag=True, help="Say only what goes wrong.")
 @click.option("--json", "as_json", is_flag=True, help="Say how it stands as JSON, a line each time.")
+@click.option("--attached", is_flag=True, help="End when standard input ends: with whoever started it.")
 def record(
     url: str,
     folder: Path | None,
@@ -44,6 +46,7 @@ def record(
     seconds: float | None,
     quiet: bool,
     as_json: bool,
+    attached: bool,
 ) -> None:
     """Record every message of the link, until Ctrl-C or SIGTERM.
 
@@ -69,6 +72,9 @@ def record(
     if seconds is not None:
         threading.Timer(seconds, ended.set).start()
 
+    if attached:
+        threading.Thread(target=_until_input_ends, args=(ended,), daemon=True).start()
+
     def say(r: Recorded) -> None:
         if as_json:
             click.echo(json.dumps(asdict(r), default=str))
@@ -82,3 +88,10 @@ def record(
     say(done)
     if done.n_lost:
         raise CommandFailed(f"{done.n_lost} messages were not recorded", str(recorder.folder))
+
+
+def _until_input_ends(ended: threading.Event) -> None:
+    # not by sys.stdin: a thread that waits with its lock keeps the interpreter from ending
+    while os.read(0, 4096):
+        pass
+    ended.set()

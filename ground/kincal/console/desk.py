@@ -207,6 +207,7 @@ class Desk:
         """A signed command with its verifiers. CommandFailed, before it is sent, if flight would refuse it by
         the last telemetry."""
         check_words(words.by, words.why)
+        operate.refuse_several("the command", self.picture.several(), self.url)
         snapshot = operate.Snapshot()
         with Link(self.url, operate.LISTEN, signer=self._signer()) as link:
             operate.listen(link, snapshot, _listen_s(self.timeout_s), _heard)
@@ -317,6 +318,7 @@ class Desk:
     def decide(self, what: str, crc: str, words: Words, override: str = "") -> Plain:
         """arm, go or reject."""
         said: list[str] = []
+        operate.refuse_several("the decision", self.picture.several(), self.url)
         who = self.operator(words, said.append)
         with Link(self.url, signer=self._signer()) as link:
             if what == "arm":

@@ -228,6 +228,11 @@ class Picture:
             value = self._values.get(channel)
             return value.message if value else None
 
+    def several(self) -> bool:
+        """Whether more than one flight is heard."""
+        with self._lock:
+            return self._senders.several(self.clock())
+
     def jpeg(self, seq: int) -> bytes | None:
         """The newest frame of the camera, if it has this number and is a JPEG."""
         image = self.newest("KC_IMAGE")

@@ -155,6 +155,7 @@ class Shelf:
         image, _ = check(file, self.flown())
         if image.crc_text != crc:
             raise CommandFailed(f"the file holds table {image.crc_text} now, not {crc}", str(file))
+        operate.refuse_several("the table", desk.picture.several(), desk.url)
         request, who = operate.activate(kind.lower(), image.crc), desk.operator(words)
         with desk.link(signed=True) as link:
             signer = link.signer

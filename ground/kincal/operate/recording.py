@@ -252,11 +252,12 @@ def record(
 
 
 def spawn(url: str, folder: Path | None = None) -> subprocess.Popen[bytes]:
-    """`kincal record` as a process of its own: it outlives whoever asks for it, and is stopped by SIGTERM."""
-    command = [sys.executable, "-m", "kincal", "record", "--url", url, "--quiet"]
+    """`kincal record` as a process of its own. It is stopped by SIGTERM, and ends in good order with whoever
+    asked for it, however that ended: its standard input ends then."""
+    command = [sys.executable, "-m", "kincal", "record", "--url", url, "--quiet", "--attached"]
     if folder is not None:
         command += ["--folder", str(folder)]
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+    return subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
 
 
 def stem_of(url: str) -> str:

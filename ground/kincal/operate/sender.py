@@ -38,13 +38,16 @@ def send(
     hk = snapshot.hk
     seq = link.send(request.opcode, request.arg_i, request.arg_u64, None if hk is None else hk.t_us)
     boots = None if hk is None else hk.boot_count
-    tracked = Tracked(request, seq, link.clock_s(), time.time(), timeout_s, boots, snapshot.state)
+    now_s = link.clock_s()
+    several = snapshot.several(now_s)
+    tracked = Tracked(request, seq, now_s, time.time(), timeout_s, boots, snapshot.state, hk, several)
     say(tracked.steps[0])
     while not tracked.outcome:
         received = link.next(_POLL_S)
         now_s, utc_s = link.clock_s(), time.time()
         if received is not None:
             snapshot.take(received.channel, received.message, now_s, utc_s)
+            tracked.several = tracked.several or snapshot.several(now_s)
             for step in tracked.take(received.channel, received.message, now_s, utc_s):
                 say(step)
         tracked.tick(now_s)
