@@ -338,6 +338,9 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
         words = Words(_text(body, "by"), _text(body, "why"))
         return shelf.send(kind, _text(body, "crc"), words, _text(body, "of") or FOLDER)
 
+    def activate(kind: str, body: Plain) -> Plain:
+        return shelf.activate(kind, _text(body, "crc"), Words(_text(body, "by"), _text(body, "why")))
+
     return [
         Route("/api/candidates/{crc}", _answer(lambda r: shelf.candidates(str(r.path_params["crc"])))),
         Route("/api/tables", _answer(lambda _r: state())),
@@ -348,6 +351,7 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
         ),
         post("/api/tables/{kind}/read", lambda k, _b: shelf.read_back(k)),
         post("/api/tables/{kind}/send", send),
+        post("/api/tables/{kind}/activate", activate),
     ]
 
 

@@ -147,12 +147,12 @@ class Desk:
 
     def start(self, poses: int, words: Words) -> Plain:
         """Begin a calibration with the settings of CONFIG; poses: 0: as CONFIG says."""
-        return self._command(lambda _s: operate.start(poses=poses), words)
+        return self.command(lambda _s: operate.start(poses=poses), words)
 
     def rollback(self, crc: str, words: Words) -> Plain:
         """Bring back the kinematics table before the one in force; crc: of the one in force, as it was
         shown."""
-        return self._command(lambda _s: operate.rollback(parse_crc(crc)), words)
+        return self.command(lambda _s: operate.rollback(parse_crc(crc)), words)
 
     def rollback_preview(self) -> Plain:
         """What a rollback would change back. BadInput if the values are not at hand."""
@@ -203,7 +203,7 @@ class Desk:
             return changes.kin_values(crc, (self.tables_dir,))
         return changes.KinValues(crc, tuple(p.value[: p.n_coef]), "heard")
 
-    def _command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
+    def command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
         """A signed command with its verifiers. CommandFailed, before it is sent, if flight would refuse it by
         the last telemetry."""
         check_words(words.by, words.why)

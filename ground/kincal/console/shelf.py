@@ -172,6 +172,19 @@ class Shelf:
         desk.picture.note("info", "TABLE", f"{text}, by {words.by}: {words.why}")
         return {"ok": True, "text": text}
 
+    def activate(self, kind: str, crc: str, words: Words) -> Plain:
+        """Put in force what is staged and checked, as `kincal command activate`: somebody else sent it.
+        CommandFailed, before it is sent, if flight would refuse it by the last telemetry."""
+        desk = self._desk()
+        self.place(kind, FOLDER)
+        if kind.upper() == REVIEWED:
+            raise BadInput(
+                f"a {REVIEWED} table is not put in force from here: corrections are reviewed",
+                todo="in an emergency `kincal command activate kin CRC`",
+            )
+        number = parse_crc(crc)
+        return desk.command(lambda _s: operate.activate(kind.lower(), number), words)
+
     def _desk(self) -> Desk:
         if self.desk is None:
             raise BadInput("this is a recording: nothing can be sent")

@@ -231,12 +231,17 @@ def _in_force(now: Snapshot, kind: str = _KIN) -> str:
 
 
 def _staged(request: Request, now: Snapshot, _now_s: float) -> Sequence[Unmet]:
-    hk = now.hk
-    if hk is None or hk.staged_kind == request.arg_i[0]:
+    hk, kind = now.hk, tables.kind_name(request.arg_i[0])
+    if hk is None:
         return ()
+    if hk.staged_kind == request.arg_i[0]:
+        if request.opcode == "TABLE_VALIDATE" or hk.staged_state == _VALID:
+            return ()
+        todo = f"`kincal command validate {kind.lower()} {crc_text(request.crc)}`"
+        return (Unmet(f"a staged {kind} table that flight has checked", "not checked yet", todo),)
     found = f"kind {hk.staged_kind} staged" if hk.staged_kind else "nothing staged"
     return (
-        Unmet(f"a staged {tables.kind_name(request.arg_i[0])} table", found, "`kincal table uplink FILE`"),
+        Unmet(f"a staged {kind} table", found, "`kincal table uplink FILE`"),
     )
 
 

@@ -149,7 +149,7 @@ def _clearance(found: Corrected | str) -> list[Section]:
     ]
     note = (
         f"Least distance of the arm, as each table has it, to itself and to keep-out volumes. It has to be "
-        f"{length_text(found.margin_m)}: what SPACE {found.space} was verified for on arms with errors "
+        f"at least {length_text(found.margin_m)}: what SPACE {found.space} was verified for on arms with errors "
         f"({length_text(found.nominal_m)} on the nominal arm)."
     )
     columns = "<where|in force|proposed|<nearest, proposed|<nearest, in force"
