@@ -147,7 +147,9 @@ def test_a_calibration_is_reviewed_approved_in_two_steps_and_seen_in_force(brows
             crc = page.locator(".document h1").inner_text().split()[-1]
             expect(page.locator("#clearance")).to_contain_text("verified segments")
             expect(page.locator("#reach")).to_contain_text("local initial poses")
-            expect(page.locator(".decide")).to_contain_text("local initial poses no longer with a tag in view")
+            expect(page.locator(".decide")).to_contain_text(
+                "local initial poses no longer with a tag in view"
+            )
             if SHOTS:
                 page.locator("#clearance").scroll_into_view_if_needed()
                 shot(page, "corrections-clearance")

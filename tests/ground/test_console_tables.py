@@ -152,7 +152,8 @@ def test_what_is_staged_is_put_in_force_alone_and_only_if_flight_has_checked_it(
     assert done["ok"] and [s["stage"] for s in done["steps"]] == ["sent", "received", "accepted", "done"]
     assert [o for o, _ in flight.commands] == [kcm.cmd_t.TABLE_ACTIVATE]  # nothing is sent again
     lines = journal.read(journal.place(None, key_file)).entries
-    assert [(e.decision, e.crc) for e in lines] == [("attempt", image.crc_text), ("table_activate", image.crc_text)]
+    crc = image.crc_text
+    assert [(e.decision, e.crc) for e in lines] == [("attempt", crc), ("table_activate", crc)]
 
 
 def until(what, seconds=20.0):

@@ -3,7 +3,6 @@
 import contextlib
 import threading
 
-import pytest
 import uvicorn
 from playwright.sync_api import expect
 from test_console_browser import (
@@ -14,7 +13,7 @@ from test_console_browser import (
     serious,
     shot,
 )
-from waiting_flight import WaitingFlight, proposed
+from waiting_flight import WaitingFlight
 
 import kcm
 from kincal.console.app import Console, make_app
@@ -28,11 +27,6 @@ from kincal_shared import keys
 ARM, GO, REJECT, ROLLBACK = (
     getattr(kcm.cmd_t, n) for n in ("APPROVE_ARM", "APPROVE_GO", "REJECT", "ROLLBACK")
 )
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    return proposed(tmp_path_factory.mktemp("proposed"))
 
 
 class Seat(Served):

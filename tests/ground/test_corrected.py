@@ -17,6 +17,7 @@ from kincal.cli import main
 from kincal.console.clearances import Clearances
 from kincal.flight import Terms
 from kincal.flight.tables import decode_as
+from kincal.pages import image
 from kincal.review import from_message
 from kincal.review.changes import KinValues
 from kincal.space.mjcf import ArmModel
@@ -25,7 +26,8 @@ from kincal_shared.errors import BadInput
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 SOURCE = BIN.parent / "src" / "space.toml"
 DESC = space.read_description(SOURCE)
-WORST = {"J7.phi_rad": 1.3, "J2.alpha_rad": 0.4, "J3.a_m": 0.01, "J3.d_m": 0.15}  # the named case of space.toml
+# the named case of space.toml
+WORST = {"J7.phi_rad": 1.3, "J2.alpha_rad": 0.4, "J3.a_m": 0.01, "J3.d_m": 0.15}
 
 
 def values(errors):
@@ -93,7 +95,8 @@ def test_a_segment_nearer_than_the_margin_is_a_reason_against(beyond):
     assert "verified segments" in reason.what and "forearm_offset - mast" in reason.what
     assert reason.threshold == "at least 10 mm" and reason.number == "-21.7 mm"
     inside = corrected.between((), values(WORST), BIN)
-    assert not inside.reasons and inside.worst.after.distance_m > inside.margin_m  # what SPACE was verified for
+    # what SPACE was verified for
+    assert not inside.reasons and inside.worst.after.distance_m > inside.margin_m
     review = from_message(proposal(), [])
     changes, stands_out = reviews.with_clearance(review, reviews.what_changes(review, BIN), beyond)
     assert reason in changes.reasons and reason.text in stands_out
@@ -144,7 +147,8 @@ def test_what_cannot_be_known_is_said(tmp_path, beyond):
         corrected.between((), values({}), BIN, other)
 
 
-def test_show_says_it_as_text_as_json_and_on_the_page(tmp_path):
+def test_show_says_it_as_text_as_json_and_on_the_page(tmp_path, monkeypatch):
+    monkeypatch.setattr(image, "beside", lambda files, _figures: (files, ""))  # a picture takes seconds
     log, p = tmp_path / "run.lcmlog", proposal()
     write_log(log)
     show = ["review", "show", str(log), "--tables", str(BIN), "--before", str(BIN)]

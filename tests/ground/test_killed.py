@@ -14,7 +14,7 @@ import warnings
 import pytest
 import uvicorn
 from click.testing import CliRunner
-from waiting_flight import WaitingFlight, proposed
+from waiting_flight import WaitingFlight
 
 import kcm
 from kincal import link as links
@@ -32,11 +32,6 @@ from kincal_shared.errors import CommandFailed, NoAnswer
 ARM, GO = kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO
 PATIENCE_S = 30.0
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    return proposed(tmp_path_factory.mktemp("proposed"))
 
 
 @pytest.fixture

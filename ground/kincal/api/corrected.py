@@ -292,7 +292,8 @@ def _compute(
                    for values, errors in zip((before, after), both, strict=True))  # fmt: skip
     return Corrected(
         f"{crc:08x}", str(description), desc.clear.perturbed_m, desc.clear.nominal_m, before is not None,
-        left_out, tuple(clear), tuple(dataclasses.replace(a, after=b.before) for a, b in zip(*reach, strict=True)),
+        left_out, tuple(clear),
+        tuple(dataclasses.replace(a, after=b.before) for a, b in zip(*reach, strict=True)),
     )  # fmt: skip
 
 

@@ -26,7 +26,7 @@ from kincal.operate.commands import (
     validate,
 )
 from kincal.operate.following import Follower, Line, follow
-from kincal.operate.sender import listen, send
+from kincal.operate.sender import accepted_counter, listen, send
 from kincal.operate.snapshot import (
     FRESH,
     LISTEN,
@@ -67,6 +67,7 @@ __all__ = [
     "Unmet",
     "Waiting",
     "abort",
+    "accepted_counter",
     "act",
     "activate",
     "approve_arm",

@@ -72,6 +72,8 @@ class Desk:
     timeout_s: float = 10.0
     clearances: Clearances | None = None
     _done: OrderedDict[str, Plain | KincalError] = field(default_factory=OrderedDict)
+    _accepted: dict[int, int] = field(default_factory=dict)  # by key: highest counter that flight accepted
+    _told: bool = False
     _one: threading.Lock = field(default_factory=threading.Lock)
 
     # ---- keys and journal
@@ -110,6 +112,28 @@ class Desk:
         """The lines of the journal. BadInput if it was changed."""
         keys = file_of(self.key_file)
         return journal.read(self.journal_path, read_keys(keys) if keys.exists() else ()).entries
+
+    def journal_missing(self) -> str:
+        """Why a journal without a line is not that of a first start, with what to do: flight is asked once
+        for this key. Empty if all is well, or if it cannot be asked (yet)."""
+        with self._one:
+            if self.why_no_key or self.picture.newest("KC_HK") is None:
+                return ""
+            try:
+                if self.entries():
+                    return ""
+                signer = self._signer()
+                if signer.key.id not in self._accepted:
+                    with Link(self.url, operate.LISTEN, signer=signer) as link:
+                        self._accepted[signer.key.id] = operate.accepted_counter(link, self.timeout_s)
+                found = journal.Journal(self.journal_path)
+                why = journal.missing(found, signer.key.id, self._accepted[signer.key.id])
+            except KincalError:
+                return ""  # of a journal that is not sound, the list of its lines says so
+        if why and not self._told:
+            self._told = True
+            self.picture.note("error", "JOURNAL_MISSING", f"{why}. To do: {journal.MISSING_TODO}")
+        return f"{why}. {journal.MISSING_TODO}." if why else ""
 
     # ---- once
 

@@ -6,6 +6,7 @@ import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -100,12 +101,21 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     with listening, recorded, source, bench, spaces, clearances:
         ready(access)
+        if console.desk is not None:
+            threading.Thread(target=_ask_for_journal, args=(console.desk,), daemon=True).start()
         server = uvicorn.Server(config)
         if options.seconds is not None:
             ends = threading.Timer(options.seconds, lambda: setattr(server, "should_exit", True))
             ends.daemon = True
             ends.start()
         server.run([listening])
+
+
+def _ask_for_journal(desk: Desk) -> None:
+    """As soon as flight is heard: is the journal missing?"""
+    while desk.picture.newest("KC_HK") is None:
+        time.sleep(1.0)
+    desk.journal_missing()
 
 
 @contextmanager

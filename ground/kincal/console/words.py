@@ -204,8 +204,9 @@ def detection(m: Detection) -> Plain:
 
 
 def frame(m: Image) -> Plain:
-    """KC_IMAGE without the image itself, which is asked for by its number."""
-    return {"seq": m.seq, "size_px": [m.width_px, m.height_px]}
+    """KC_IMAGE without the image itself, which is asked for by `key`: its number, or in a recording that of
+    the frame in the file."""
+    return {"seq": m.seq, "key": getattr(m, "key", m.seq), "size_px": [m.width_px, m.height_px]}
 
 
 def pose(m: Progress) -> Plain:

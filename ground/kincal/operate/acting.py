@@ -26,7 +26,8 @@ NOT_AGAIN = (
 
 def act(link: CommandLink, request: Request, who: Operator, snapshot: Snapshot, say: Say) -> Tracked:
     """Send a command and write it down. BadInput before anything is sent if it cannot be signed or the
-    journal is not sound, CommandFailed if more than one flight is heard; an ABORT is sent all the same, and `who.say` tells what could not be written."""
+    journal is not sound, CommandFailed if more than one flight is heard; an ABORT is sent all the same, and
+    `who.say` tells what could not be written."""
     if request.opcode == "ABORT":
         tracked = send(link, request, snapshot, who.timeout_s, say)
         _write_abort(link, who, tracked)

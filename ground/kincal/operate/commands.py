@@ -240,9 +240,7 @@ def _staged(request: Request, now: Snapshot, _now_s: float) -> Sequence[Unmet]:
         todo = f"`kincal command validate {kind.lower()} {crc_text(request.crc)}`"
         return (Unmet(f"a staged {kind} table that flight has checked", "not checked yet", todo),)
     found = f"kind {hk.staged_kind} staged" if hk.staged_kind else "nothing staged"
-    return (
-        Unmet(f"a staged {kind} table", found, "`kincal table uplink FILE`"),
-    )
+    return (Unmet(f"a staged {kind} table", found, "`kincal table uplink FILE`"),)
 
 
 _SPECIAL: dict[str, Callable[[Request, Snapshot, float], Sequence[Unmet]]] = {

@@ -148,8 +148,8 @@ def _clearance(found: Corrected | str) -> list[Section]:
         for c in found.clear
     ]
     note = (
-        f"Least distance of the arm, as each table has it, to itself and to keep-out volumes. It has to be "
-        f"at least {length_text(found.margin_m)}: what SPACE {found.space} was verified for on arms with errors "
+        "Least distance of the arm, as each table has it, to itself and to keep-out volumes. It has to be at "
+        f"least {length_text(found.margin_m)}: what SPACE {found.space} was verified for on arms with errors "
         f"({length_text(found.nominal_m)} on the nominal arm)."
     )
     columns = "<where|in force|proposed|<nearest, proposed|<nearest, in force"
