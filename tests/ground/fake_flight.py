@@ -26,6 +26,7 @@ class FakeFlight:
         self.proposal_crc, self.refuse, self.dead, self.verdict = proposal_crc, refuse, dead, verdict
         self.overrides: list[int] = []  # of APPROVE_ARM
         self.kin_crc, self.armed, self.images, self.staged = 1, 0, {}, (0, b"")
+        self.checked = 0  # hk_t.staged_state
         self.commands: list[tuple[int, int]] = []
         self.masks: list[int] = []  # of START: coefficients
         self.unsigned: list[int] = []  # opcodes without a signature
@@ -58,7 +59,7 @@ class FakeFlight:
         m.t_us, m.proposal_crc = time.time_ns() // 1000, signed(self.proposal_crc)
         m.state, m.proposal_verdict = (10 if self.armed else 9 if self.proposal_crc else 0), self.verdict
         m.approval_left_us = 599_000_000 if self.armed else 0
-        m.staged_kind, m.staged_bytes = self.staged[0], len(self.staged[1])
+        m.staged_kind, m.staged_bytes, m.staged_state = self.staged[0], len(self.staged[1]), self.checked
         m.table_crc[4], m.kin_prev_crc = signed(self.kin_crc), 7
         for kind, image in self.images.items():
             m.table_crc[kind] = signed(int.from_bytes(image[12:16], "little"))
@@ -67,6 +68,7 @@ class FakeFlight:
     def _on_chunk(self, _, data: bytes) -> None:
         m = kcm.table_chunk_t.decode(data)
         have = b"" if m.offset == 0 else self.staged[1]
+        self.checked = 0
         if m.offset == len(have):
             self.staged = (m.kind, have + bytes(m.data[: m.n]))
 
@@ -94,6 +96,8 @@ class FakeFlight:
                 self.kin_crc, self.proposal_crc, self.armed = crc, 0, 0
         elif c.opcode == c.REJECT:
             self.proposal_crc = self.armed = 0
+        elif c.opcode == c.TABLE_VALIDATE:
+            self.checked = 3
         elif c.opcode == c.TABLE_ACTIVATE:
             self.images[c.arg_i[0]] = self.staged[1]
         a = kcm.ack_t()

@@ -20,10 +20,11 @@ SHOWN = {"KC_ARM_STATE", "KC_PANTILT_STATE", "KC_DETECTION"}
 
 
 class SimulatedFlight:
-    """until: names of the states from which on it runs slowly; start: whether a calibration begins."""
+    """until: names of the states from which on it runs slowly; start: whether a calibration begins; more: of
+    the run's Setup."""
 
-    def __init__(self, scenario: str, until: set[str], folder, seed: int = 1, poses: int = 0,
-                 start: bool = True) -> None:  # fmt: skip
+    def __init__(self, scenario, until: set[str], folder, seed: int = 1, poses: int = 0,
+                 start: bool = True, **more) -> None:  # fmt: skip
         port, self._port_lock = private_port()
         self.url = private_url(port)
         states = library("flight").enum("kc_state_t", "KC_ST_")
@@ -31,7 +32,7 @@ class SimulatedFlight:
         self.names = {number: name for name, number in states.items()}
         self.state = ""
         script = [(START_TICK, command("START", -1, poses, seed))] if start else []
-        setup = Setup(commander=lambda send: Script(send, script), limit_s=1e5)
+        setup = Setup(**{"commander": lambda send: Script(send, script), "limit_s": 1e5} | more)
         self._simulation = Simulation(scenario, seed, setup)
         self.key_file = folder / "keys"
         keys.write(self.key_file, (self._simulation.signer.key,))

@@ -17,6 +17,7 @@ from simulated_flight import SimulatedFlight
 import kcm
 from kincal.console.app import Console, make_app
 from kincal.console.bench import Bench
+from kincal.console.clearances import Clearances
 from kincal.console.desk import Desk
 from kincal.console.geometry import Geometry
 from kincal.console.guard import Access
@@ -47,7 +48,7 @@ def browser():
 class Served:
     """A console on a flight process; it can be stopped and started again on its port."""
 
-    spaces = bench = None  # views that it has
+    spaces = bench = clearances = None  # views that it has
 
     def __init__(self, flight, folder) -> None:
         self.flight, self.folder = flight, folder
@@ -60,7 +61,8 @@ class Served:
     def start(self) -> None:
         geometry = Geometry(BIN)
         self.picture = Picture(geometry)
-        desk = Desk(self.flight.url, self.flight.key_file, None, BIN, self.picture, timeout_s=20.0)
+        clearances = self.clearances = Clearances(self.folder / "clearance")
+        desk = Desk(self.flight.url, self.flight.key_file, None, BIN, self.picture, 20.0, clearances)
         self.bench = Bench(self.folder / "bench")
         shelf = Shelf(BIN, self.folder / "made", self.folder / "read", desk)
         self.spaces = Spaces(self.folder / "space", shelf, geometry)
@@ -89,6 +91,8 @@ class Served:
             self.spaces.work.close()
         if self.bench is not None:
             self.bench.close()
+        if self.clearances is not None:
+            self.clearances.work.close()
 
 
 @contextlib.contextmanager
@@ -141,6 +145,14 @@ def test_a_calibration_is_reviewed_approved_in_two_steps_and_seen_in_force(brows
             page.locator(".state a").click()
             expect(page.locator(".document h1")).to_contain_text("Correction")
             crc = page.locator(".document h1").inner_text().split()[-1]
+            expect(page.locator("#clearance")).to_contain_text("verified segments")
+            expect(page.locator("#reach")).to_contain_text("local initial poses")
+            expect(page.locator(".decide")).to_contain_text(
+                "local initial poses no longer with a tag in view"
+            )
+            if SHOTS:
+                page.locator("#clearance").scroll_into_view_if_needed()
+                shot(page, "corrections-clearance")
             expect(page.locator(".decide .steps button", has_text="Arm the approval")).to_be_disabled()
             page.locator("form.seen input").fill("A. Reviewer")
             page.get_by_role("button", name="I have seen it").click()

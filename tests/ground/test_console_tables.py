@@ -130,3 +130,34 @@ def test_a_kinematics_table_is_not_sent_past_the_review(served):
     refused = post(client, "/api/tables/KIN/send", number="1", by="A", why="b", crc=crc)
     assert refused.status_code == 409 and "reviewed" in refused.json()["text"]
     assert flight.commands == []
+
+
+def test_what_is_staged_is_put_in_force_alone_and_only_if_flight_has_checked_it(served):
+    """Somebody else has sent it: with two holders the second person only activates."""
+    client, flight, key_file, desk = served
+    image = load(BIN / "config.tbl")[0]
+    words = {"by": "B. Second", "why": "agreed", "crc": image.crc_text}
+    nothing = post(client, "/api/tables/CONFIG/activate", number="1", **words)
+    assert nothing.status_code == 409 and "a staged config table" in nothing.json()["text"].lower()
+    flight.staged = (7, image.data)
+    until(lambda: desk.picture.newest("KC_HK").staged_kind == 7)
+    early = post(client, "/api/tables/CONFIG/activate", number="2", **words).json()["text"]
+    assert "that flight has checked" in early and f"validate config {image.crc_text}" in early
+    flight.checked = 3
+    until(lambda: desk.picture.newest("KC_HK").staged_state == 3)
+    assert post(client, "/api/tables/CONFIG/activate", number="3", **(words | {"by": ""})).status_code == 409
+    assert post(client, "/api/tables/KIN/activate", number="4", **words).status_code == 409
+    assert flight.commands == []
+    done = post(client, "/api/tables/CONFIG/activate", number="5", **words).json()
+    assert done["ok"] and [s["stage"] for s in done["steps"]] == ["sent", "received", "accepted", "done"]
+    assert [o for o, _ in flight.commands] == [kcm.cmd_t.TABLE_ACTIVATE]  # nothing is sent again
+    lines = journal.read(journal.place(None, key_file)).entries
+    crc = image.crc_text
+    assert [(e.decision, e.crc) for e in lines] == [("attempt", crc), ("table_activate", crc)]
+
+
+def until(what, seconds=20.0):
+    deadline = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

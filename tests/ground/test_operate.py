@@ -195,6 +195,34 @@ def test_a_restart_of_flight_ends_it_without_guessing():
     assert stored.outcome == DONE  # accepted, and read back after the restart
 
 
+@pytest.mark.parametrize(
+    "other",
+    [{"boots": 9}, {"boots": 2}, {"table_crc": [0, 1, 1, 1, 1, 5, 1, 1]}],
+    ids=["started more often", "less often", "with another SPACE"],
+)
+@pytest.mark.parametrize("request_", [commands.abort(), commands.reject(CRC), commands.discard()], ids=str)
+def test_housekeeping_of_another_flight_does_not_say_done(request_, other):
+    """The one heard before goes on as it was; the other one shows what the command would bring."""
+    shows = {"state": "SAFE", "staged_kind": 0, "proposal_crc": 0}
+    as_before = {"state": "REVIEW", "staged_kind": 3, "proposal_crc": signed(CRC)}
+    c = Tracked(request_, SEQ, 10.0, UTC, 5.0, 3, "REVIEW", hk(**as_before))
+    opcode = names.opcode(request_.opcode)
+    stages = after(c, ("KC_ACK", ack(opcode)), ("KC_HK", hk(**shows | other)), ("KC_HK", hk(**as_before)))
+    assert stages == [SENT, RECEIVED, ACCEPTED] and c.outcome == ACCEPTED
+    assert "two senders of housekeeping" in c.last_line and "End the other sender" in c.last_line
+
+
+def test_a_next_start_and_a_change_by_somebody_else_are_the_same_flight():
+    c = Tracked(commands.approve_go(CRC), SEQ, 10.0, UTC, 5.0, 3, "ARMED", hk())
+    go = ack(names.opcode("APPROVE_GO"))
+    stages = after(c, ("KC_ACK", go), ("KC_HK", hk(boots=4, kin=CRC)))
+    assert stages[-1] == DONE
+    c = Tracked(commands.abort(), SEQ, 10.0, UTC, 5.0, 3, "MOVE", hk())
+    changed = ("KC_HK", hk(state="SAFE", table_crc=[0, 1, 1, 1, 1, 1, 1, 8]))
+    assert after(c, ("KC_ACK", ack(names.opcode("ABORT"))), changed)[-1] == ACCEPTED
+    assert after(c, changed, begin_s=11.0)[-1] == DONE  # it stays so
+
+
 # ---------------------------------------------------------------------------- conditions
 
 

@@ -275,6 +275,8 @@ def test_two_flights_or_a_recording_on_the_live_network_are_never_fresh(replayed
     assert "not known: two senders" in snapshot.status(now_s, now_s).waits_for
     assert operate.unmet(operate.start(), snapshot, now_s)[0].found == age.why
     assert operate.unmet(operate.abort(), snapshot, now_s) == ()
+    with pytest.raises(CommandFailed, match="was not sent: two senders"):
+        operate.refuse_several("START", snapshot.several(now_s), "url")
     alone = now_s
     while alone < now_s + 15.0:
         alone += 1.0

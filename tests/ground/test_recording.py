@@ -99,7 +99,9 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path):
         Recorder(tmp_path / "file")
 
 
-def test_kincal_record_is_a_process_of_its_own_that_ends_in_good_order(tmp_path):
+@pytest.mark.parametrize("end", ["SIGTERM", "whoever started it was killed"])
+def test_kincal_record_is_a_process_of_its_own_that_ends_in_good_order(tmp_path, end):
+    """Of a console that was killed it went on for ever: a pipe ends with its last holder."""
     port, lock = private_port()
     url = private_url(port)
     process = recording.spawn(url, tmp_path)
@@ -112,7 +114,10 @@ def test_kincal_record_is_a_process_of_its_own_that_ends_in_good_order(tmp_path)
         for _ in range(200):
             bus.publish("KC_EVENT", DATA)
         time.sleep(0.5)
-        process.terminate()
+        if end == "SIGTERM":
+            process.terminate()
+        else:
+            process.stdin.close()  # as the kernel does for a process that is gone
         assert process.wait(timeout=20.0) == 0
     finally:
         process.kill()

@@ -1,6 +1,6 @@
 """What an operator does with flight while it runs, for commands and the console."""
 
-from kincal.operate.acting import act, comment, verified
+from kincal.operate.acting import act, comment, refuse_several, verified
 from kincal.operate.coefficients import of_joints
 from kincal.operate.commands import (
     ACCEPTED,
@@ -26,7 +26,7 @@ from kincal.operate.commands import (
     validate,
 )
 from kincal.operate.following import Follower, Line, follow
-from kincal.operate.sender import listen, send
+from kincal.operate.sender import accepted_counter, listen, send
 from kincal.operate.snapshot import (
     FRESH,
     LISTEN,
@@ -67,6 +67,7 @@ __all__ = [
     "Unmet",
     "Waiting",
     "abort",
+    "accepted_counter",
     "act",
     "activate",
     "approve_arm",
@@ -78,6 +79,7 @@ __all__ = [
     "listen",
     "noop",
     "of_joints",
+    "refuse_several",
     "reject",
     "rollback",
     "send",

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from kincal.flight.tables import decode_as
-from kincal.link import CommandLink, dump, read_log, unsigned32
+from kincal.link import CommandLink, crc_text, dump, read_log, unsigned32
 from kincal.operate.recording import recordings
 from kincal.review import Review, changes, find, history, warnings
 from kincal.review import journal as journals
@@ -20,6 +21,9 @@ from kincal.review.thresholds import Limits, read_limits
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
 from kincal_shared.keys import file_of
 from kincal_shared.keys import read as read_keys
+
+from . import corrected
+from .corrected import Corrected
 
 
 def read_journals(logs: Sequence[Path], journal: Path | None, key_file: Path) -> list[Journal]:
@@ -57,7 +61,7 @@ def history_of(
 @dataclass(frozen=True)
 class Shown:
     """A proposal with all that a reviewer needs: what changes, warnings, what became of it, limits of the
-    tables, what is left at each pose."""
+    tables, what is left at each pose, clearance and reach; why_not: why these are not known."""
 
     review: Review
     warnings: list[str]
@@ -65,21 +69,71 @@ class Shown:
     limits: Limits | None
     changes: Changes
     residuals: tuple[PoseResidual, ...] = ()
+    corrected: Corrected | None = None
+    why_not: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for --json."""
+        r, about = self.review, self.about
+        return {
+            "crc": r.crc_text,
+            "replaces": crc_text(r.crc_before),
+            "session": r.session,
+            "verdict": r.verdict,
+            "state": about.state,
+            "waits": about.waits,
+            "poses": r.n_poses,
+            "outliers": r.n_outliers,
+            "numbers": r.numbers,
+            "look_at": self.warnings,
+            "changes": self.changes.as_dict(),
+            "clearance": self.corrected.as_dict() if self.corrected else None,
+            "clearance_unknown": self.why_not,
+            "residuals": [asdict(p) for p in self.residuals],
+        }
 
 
 def show(
-    log: Path, crc: str | None, tables_dir: Path, found: Sequence[Journal], before: Sequence[Path] = ()
+    log: Path,
+    crc: str | None,
+    tables_dir: Path,
+    found: Sequence[Journal],
+    before: Sequence[Path] = (),
+    space: Path | None = None,
 ) -> Shown:
     """The proposal of a log with that CRC, the last if there is none. BadInput if it is not there. before:
-    tables, logs and folders that may hold the table in force, after the log and the tables of the folder."""
+    tables, logs and folders that may hold the table in force, after the log and the tables of the folder;
+    space: description of the SPACE table, if it is not found (`corrected.description_of`)."""
     review, limits = find(log, crc, tables_dir), read_limits(tables_dir)
     entries = [entry for one in found for entry in one.entries]
     found_changes = what_changes(review, tables_dir, (log, *before), limits)
-    stands_out = warnings(review, found_changes.big)
     about = status(read_log(log), review, entries)
-    return Shown(
-        review, stands_out, about, limits, found_changes, _residuals(log, review, about, tables_dir, before)
-    )
+    clear, why = _clearance(review, tables_dir, (log, *before), space)
+    found_changes, stands_out = with_clearance(review, found_changes, clear)
+    left = _residuals(log, review, about, tables_dir, before)
+    return Shown(review, stands_out, about, limits, found_changes, left, clear, why)
+
+
+def with_clearance(review: Review, found: Changes, clear: Corrected | None) -> tuple[Changes, list[str]]:
+    """What a proposal changes, with what clearance and reach say against it; and everything that stands
+    out."""
+    if clear is None:
+        return found, warnings(review, found.big)
+    reasons = (*found.reasons, *clear.reasons)
+    return replace(found, reasons=reasons), [*warnings(review, found.big), *clear.look_at]
+
+
+def _clearance(
+    review: Review, tables_dir: Path, places: Sequence[Path], description: Path | None
+) -> tuple[Corrected | None, str]:
+    """Clearance and reach, or why they are not known."""
+    old = changes.kin_values(review.crc_before, (tables_dir, *places))
+    try:
+        return corrected.of_review(review, old, tables_dir, description), ""
+    except KincalError as error:
+        if description is not None:
+            raise
+        return None, str(error)
 
 
 def _residuals(

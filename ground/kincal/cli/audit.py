@@ -6,13 +6,15 @@ from pathlib import Path
 
 import click
 
+from kincal import link
 from kincal.cli.options import FILE
 from kincal.cli.review import JOURNAL
 from kincal.cli.terminal import console, say
 from kincal.cli.text import review as text
-from kincal.cli.wire import KEYS
+from kincal.cli.wire import KEYS, TIMEOUT, URL
 from kincal.review import journal as journals
 from kincal_shared.errors import CommandFailed
+from kincal_shared.keys import file_of, signer_of
 
 
 @click.group()
@@ -49,9 +51,24 @@ def audit_log(key_file: Path, journal: Path | None) -> None:
     metavar="LINES:HASH",
     help="What an earlier `verify` said: the journal still has to hold it.",
 )
+@click.option(
+    "--live",
+    is_flag=True,
+    help="Of a journal without a line, also ask flight at --url whether it knows this key.",
+)
+@URL
+@TIMEOUT
 @KEYS
 @JOURNAL
-def audit_verify(logs: tuple[Path, ...], noted: str, key_file: Path, journal: Path | None) -> None:
+def audit_verify(
+    logs: tuple[Path, ...],
+    noted: str,
+    live: bool,
+    url: str,
+    timeout_s: float,
+    key_file: Path,
+    journal: Path | None,
+) -> None:
     """Check the journal, of itself, against its end mark, and against logs.
 
     Every line has to follow from the one before and to be written with its key, the journal has to end where
@@ -61,9 +78,14 @@ def audit_verify(logs: tuple[Path, ...], noted: str, key_file: Path, journal: Pa
     It prints where the journal ends (lines and a hash). Note that elsewhere: with --noted, a journal that was
     put back to an earlier state together with its end mark is noticed too.
 
+    A journal that was deleted, with its end mark, looks like that of a first start. With --live flight is
+    asked: if it has accepted commands of this key, the journal is missing. (The question is a NOOP that
+    flight refuses: its event CMD_REPLAYED is the answer.)
+
     \b
     Examples:
     kincal audit verify
+    kincal audit verify --live
     kincal audit verify out/paper/run.lcmlog
     """
     from kincal.api.reviews import absent, read_journals
@@ -75,7 +97,21 @@ def audit_verify(logs: tuple[Path, ...], noted: str, key_file: Path, journal: Pa
         decided = sum(entry.decision not in journals.SAID for entry in one.entries)
         say(f"{one.path}: {decided} decisions and commands in {len(one.entries)} lines, {one.vouched}")
         say(f"{one.path}: ends at {journals.end_text(one)}")
+    if live and not found[0].entries:
+        _ask(found[0], url, timeout_s, key_file)
     missing = absent(logs, found)
     text.absent(console(), missing)
     if missing or any(one.unconfirmed for one in found):
         raise CommandFailed("the journal is not what it should be", todo="see above; keep your copies of it")
+
+
+def _ask(journal: journals.Journal, url: str, timeout_s: float, key_file: Path) -> None:
+    """CommandFailed if flight has accepted commands that should be in this journal."""
+    from kincal.api import operate
+
+    signer = signer_of(file_of(key_file))
+    with link.Link(url, operate.LISTEN, signer=signer) as up:
+        accepted = operate.accepted_counter(up, timeout_s)
+    if why := journals.missing(journal, signer.key.id, accepted):
+        raise CommandFailed(why, url, journals.MISSING_TODO)
+    say(f"flight has accepted no command of key {signer.key.id} yet: a first start")

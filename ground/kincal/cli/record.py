@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
 import threading
 from dataclasses import asdict
@@ -32,22 +33,33 @@ from kincal_shared.errors import CommandFailed
 @click.option(
     "--keep", type=click.IntRange(0), default=0, show_default="all", help="Files of this recording to keep."
 )
+@click.option(
+    "--frames",
+    default="1",
+    show_default=True,
+    metavar="SECONDS",
+    help="Keep at most one frame of the camera in so many seconds; 0: all, none: none.",
+)
 @click.option("--seconds", type=float, default=None, show_default="until Ctrl-C", help="How long.")
 @click.option("--quiet", is_flag=True, help="Say only what goes wrong.")
 @click.option("--json", "as_json", is_flag=True, help="Say how it stands as JSON, a line each time.")
+@click.option("--attached", is_flag=True, help="End when standard input ends: with whoever started it.")
 def record(
     url: str,
     folder: Path | None,
     name: str,
     megabytes: float,
     keep: int,
+    frames: str,
     seconds: float | None,
     quiet: bool,
     as_json: bool,
+    attached: bool,
 ) -> None:
     """Record every message of the link, until Ctrl-C or SIGTERM.
 
-    The files are what `kincal log`, `kincal review` and the workbench read. A full disk ends nothing: what
+    The files are what `kincal log`, `kincal review`, the workbench and `kincal serve --log` read. Frames of
+    the camera (KC_IMAGE, where they are transmitted) have up to 120 kB each. A full disk ends nothing: what
     cannot be written is counted and said, and recording goes on when there is space. Exit status 1 if
     messages were lost.
 
@@ -62,12 +74,16 @@ def record(
         raise click.BadParameter("letters, digits, - and _ only", param_hint="--name")
     if math.isnan(megabytes):
         raise click.BadParameter("this is no number", param_hint="--megabytes")
-    recorder = Recorder(folder or FOLDER, name or stem_of(url), int(megabytes * 2**20), keep)
+    stem, frame_s = name or stem_of(url), _frame_s(frames)
+    recorder = Recorder(folder or FOLDER, stem, int(megabytes * 2**20), keep, frame_s)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
     if seconds is not None:
         threading.Timer(seconds, ended.set).start()
+
+    if attached:
+        threading.Thread(target=_until_input_ends, args=(ended,), daemon=True).start()
 
     def say(r: Recorded) -> None:
         if as_json:
@@ -82,3 +98,20 @@ def record(
     say(done)
     if done.n_lost:
         raise CommandFailed(f"{done.n_lost} messages were not recorded", str(recorder.folder))
+
+
+def _frame_s(text: str) -> float:
+    try:
+        value = math.inf if text == "none" else float(text)
+    except ValueError:
+        value = math.nan
+    if not value >= 0.0:
+        raise click.BadParameter("seconds, 0 or none", param_hint="--frames")
+    return value
+
+
+def _until_input_ends(ended: threading.Event) -> None:
+    # not by sys.stdin: a thread that waits with its lock keeps the interpreter from ending
+    while os.read(0, 4096):
+        pass
+    ended.set()

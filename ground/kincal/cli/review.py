@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -114,6 +115,13 @@ def review_list(
     type=EXISTS,
     help="Log, KIN table or folder with the table in force, if the log and --tables do not have it.",
 )
+@click.option(
+    "--space",
+    type=EXISTS,
+    default=None,
+    help="Description of the SPACE table, for clearance and reach.  [default: beside the tables]",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON; no page is written.")
 @TABLES
 @KEYS
 @JOURNAL
@@ -127,12 +135,18 @@ def review_show(
     picture: Path | None,
     by: str | None,
     before: tuple[Path, ...],
+    space: Path | None,
+    as_json: bool,
     tables_dir: Path,
     key_file: Path,
     journal: Path | None,
 ) -> None:
     """Show a proposal of a log with all its numbers and their thresholds, what became of it, what can be
     decided, and which poses were rejected: as text, as a page (HTML) and as a picture.
+
+    Clearance and reach are those of the arm as the new table has it, against the table in force: least
+    distance to itself and to keep-out volumes on the verified segments, at park pose, seeds and candidates,
+    and the poses that are lost (docs/GROUND.md; needs kincal[sim]).
 
     With --by the journal gets a line that this person has seen this correction, with verdict and numbers.
 
@@ -162,16 +176,21 @@ def review_show(
     if file is None:
         raise BadInput("no log", todo="name one, or --live for what waits on board")
     read = reviews.read_journals((file,), journal, key_file)
-    shown = reviews.show(file, crc, tables_dir, read, before)
+    shown = reviews.show(file, crc, tables_dir, read, before, space)
     found, warnings, about, limits = shown.review, shown.warnings, shown.about, shown.limits
-    changes = shown.changes
+    changes, clearance = shown.changes, shown.corrected or shown.why_not
+    if as_json:
+        click.echo(json.dumps(shown.as_dict(), indent=1))
+        if by is not None:
+            _see(found, by, file, key_file, journal, warnings, err=True)
+        return
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
     decide = to_decide(found, about, shlex.quote(str(file)), _keys_option(key_file, file))
-    text.show(console(), found, warnings, about, limits, decide, changes, shown.residuals)
+    text.show(console(), found, warnings, about, limits, decide, changes, shown.residuals, clearance)
     text.absent(console(), reviews.absent((file,), read))
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
     made = pages.write_all(
-        found, warnings, picture, provenance, about, limits, decide, changes, shown.residuals
+        found, warnings, picture, provenance, about, limits, decide, changes, shown.residuals, clearance
     )
     say_files("page", *made)
     if by is not None:
@@ -230,7 +249,13 @@ def _option(name: str, value: object, default: object) -> str:
 
 
 def _see(
-    found: Review, by: str, log: Path, key_file: Path, journal: Path | None, stood_out: Sequence[str]
+    found: Review,
+    by: str,
+    log: Path,
+    key_file: Path,
+    journal: Path | None,
+    stood_out: Sequence[str],
+    err: bool = False,
 ) -> None:
     """Write down who has seen the proposal, after it was shown."""
     from kincal.review.decisions import see
@@ -238,7 +263,7 @@ def _see(
     keys = file_of(key_file)
     path = FILE_OUT.convert(journals.place(journal, keys), None, None)
     see(path, found, by, log, signer_of(keys), stood_out)
-    say(f"recorded in {path}: {by} has seen correction {found.crc_text}")
+    say(f"recorded in {path}: {by} has seen correction {found.crc_text}", err=err)
 
 
 class Decision(TypedDict):

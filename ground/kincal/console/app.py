@@ -78,7 +78,7 @@ def make_app(console: Console, access: Access) -> ASGIApp:
         WebSocketRoute("/api/feed", _feed(console)),
         Route("/api/about", _answer(lambda _r: _about(console))),
         *(_past_routes(console.past) if console.past else ()),
-        Route("/api/frame/{seq:int}", _frame(console.picture)),
+        Route("/api/frame/{seq:int}", _frame(console)),
         Route("/api/rows", _answer(lambda r: _rows(console, r))),
         *_desk_routes(console),
         *(_bench_routes(console.bench, console) if console.bench else ()),
@@ -153,11 +153,12 @@ async def _refused(_request: Request, error: Exception) -> Response:
     return JSONResponse({"ok": False, "text": str(error)}, 409)
 
 
-def _frame(picture: Picture) -> Callable[[Request], Awaitable[Response]]:
+def _frame(console: Console) -> Callable[[Request], Awaitable[Response]]:
     """A frame of the camera; a browser asks for those that it has the time to show."""
 
     async def answer(request: Request) -> Response:
-        data = picture.jpeg(request.path_params["seq"])
+        source = console.recording or console.picture
+        data = await run_in_threadpool(source.jpeg, request.path_params["seq"])
         if data is None:
             raise HTTPException(404, "there is a newer frame, or none")
         return Response(data, media_type="image/jpeg", headers={"cache-control": "no-store"})
@@ -302,7 +303,9 @@ def _desk_routes(console: Console) -> list[Route]:
         route("/api/start", lambda d, b, _r: d.start(_number(b.get("poses", 0), "poses"), words(b))),
         route("/api/rollback", lambda d, b, _r: d.rollback(_text(b, "crc"), words(b))),
         Route("/api/review/{crc}", _answer(read(lambda d, r: d.review(crc(r))))),
+        Route("/api/review/{crc}/clearance", _answer(read(lambda d, r: d.clearance(crc(r))))),
         Route("/api/rollback/preview", _answer(read(lambda d, _r: d.rollback_preview()))),
+        Route("/api/journal/missing", _answer(read(lambda d, _r: {"text": d.journal_missing()}))),
         Route("/api/journal", _answer(read(lambda d, _r: d.log()))),
         route("/api/review/{crc}/seen", lambda d, b, r: d.see(crc(r), _text(b, "by"))),
         *(
@@ -337,6 +340,9 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
         words = Words(_text(body, "by"), _text(body, "why"))
         return shelf.send(kind, _text(body, "crc"), words, _text(body, "of") or FOLDER)
 
+    def activate(kind: str, body: Plain) -> Plain:
+        return shelf.activate(kind, _text(body, "crc"), Words(_text(body, "by"), _text(body, "why")))
+
     return [
         Route("/api/candidates/{crc}", _answer(lambda r: shelf.candidates(str(r.path_params["crc"])))),
         Route("/api/tables", _answer(lambda _r: state())),
@@ -347,6 +353,7 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
         ),
         post("/api/tables/{kind}/read", lambda k, _b: shelf.read_back(k)),
         post("/api/tables/{kind}/send", send),
+        post("/api/tables/{kind}/activate", activate),
     ]
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from kincal.api import operate
+from kincal.api.reviews import with_clearance
 from kincal.link import Link, crc_text, unsigned32
 from kincal.link.connection import LISTEN
 from kincal.link.eventfile import event_bytes
@@ -32,7 +33,6 @@ from kincal.review import (
     parse_crc,
     reasons_to_reject,
     record,
-    warnings,
 )
 from kincal.review.residuals import PoseResidual, residuals
 from kincal.review.status import Status, status
@@ -41,6 +41,7 @@ from kincal_shared.errors import BadInput, CommandFailed, KincalError
 from kincal_shared.keys import Signer, file_of, holder, other_than, signer_of
 from kincal_shared.keys import read as read_keys
 
+from .clearances import Clearances, Found
 from .document import document, plain_grid
 from .picture import Picture
 
@@ -61,7 +62,7 @@ class Words:
 @dataclass
 class Desk:
     """url: of the network; key_file: that signs; journal: of decisions; picture: what is known of flight;
-    timeout_s: longest wait for an answer."""
+    timeout_s: longest wait for an answer; clearances: of corrections, None: they are not computed."""
 
     url: str
     key_file: Path | None
@@ -69,7 +70,10 @@ class Desk:
     tables_dir: Path
     picture: Picture
     timeout_s: float = 10.0
+    clearances: Clearances | None = None
     _done: OrderedDict[str, Plain | KincalError] = field(default_factory=OrderedDict)
+    _accepted: dict[int, int] = field(default_factory=dict)  # by key: highest counter that flight accepted
+    _told: bool = False
     _one: threading.Lock = field(default_factory=threading.Lock)
 
     # ---- keys and journal
@@ -109,6 +113,28 @@ class Desk:
         keys = file_of(self.key_file)
         return journal.read(self.journal_path, read_keys(keys) if keys.exists() else ()).entries
 
+    def journal_missing(self) -> str:
+        """Why a journal without a line is not that of a first start, with what to do: flight is asked once
+        for this key. Empty if all is well, or if it cannot be asked (yet)."""
+        with self._one:
+            if self.why_no_key or self.picture.newest("KC_HK") is None:
+                return ""
+            try:
+                if self.entries():
+                    return ""
+                signer = self._signer()
+                if signer.key.id not in self._accepted:
+                    with Link(self.url, operate.LISTEN, signer=signer) as link:
+                        self._accepted[signer.key.id] = operate.accepted_counter(link, self.timeout_s)
+                found = journal.Journal(self.journal_path)
+                why = journal.missing(found, signer.key.id, self._accepted[signer.key.id])
+            except KincalError:
+                return ""  # of a journal that is not sound, the list of its lines says so
+        if why and not self._told:
+            self._told = True
+            self.picture.note("error", "JOURNAL_MISSING", f"{why}. To do: {journal.MISSING_TODO}")
+        return f"{why}. {journal.MISSING_TODO}." if why else ""
+
     # ---- once
 
     def once(self, number: str, what: Callable[[], Plain]) -> Plain:
@@ -145,12 +171,12 @@ class Desk:
 
     def start(self, poses: int, words: Words) -> Plain:
         """Begin a calibration with the settings of CONFIG; poses: 0: as CONFIG says."""
-        return self._command(lambda _s: operate.start(poses=poses), words)
+        return self.command(lambda _s: operate.start(poses=poses), words)
 
     def rollback(self, crc: str, words: Words) -> Plain:
         """Bring back the kinematics table before the one in force; crc: of the one in force, as it was
         shown."""
-        return self._command(lambda _s: operate.rollback(parse_crc(crc)), words)
+        return self.command(lambda _s: operate.rollback(parse_crc(crc)), words)
 
     def rollback_preview(self) -> Plain:
         """What a rollback would change back. BadInput if the values are not at hand."""
@@ -201,10 +227,11 @@ class Desk:
             return changes.kin_values(crc, (self.tables_dir,))
         return changes.KinValues(crc, tuple(p.value[: p.n_coef]), "heard")
 
-    def _command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
+    def command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
         """A signed command with its verifiers. CommandFailed, before it is sent, if flight would refuse it by
         the last telemetry."""
         check_words(words.by, words.why)
+        operate.refuse_several("the command", self.picture.several(), self.url)
         snapshot = operate.Snapshot()
         with Link(self.url, operate.LISTEN, signer=self._signer()) as link:
             operate.listen(link, snapshot, _listen_s(self.timeout_s), _heard)
@@ -248,8 +275,9 @@ class Desk:
         found, limits = self._found(crc), read_limits(self.tables_dir)
         lines = [e for e in self.entries() if e.crc == crc]
         about = status(self.picture.summary(), found, lines)
-        changed = self._changes(found, limits)
-        stands_out = warnings(found, changed.big)
+        clear = self._clearance(found)
+        known = clear.corrected if clear else None
+        changed, stands_out = with_clearance(found, self._changes(found, limits), known)
         page = review_pages.page(
             found,
             stands_out,
@@ -258,6 +286,7 @@ class Desk:
             limits,
             changes=changed,
             left=self._left(found, about),
+            clearance=known or (clear.why if clear else ""),
         )
         hk = self.picture.newest("KC_HK")
         return {
@@ -268,7 +297,18 @@ class Desk:
             "seen_by": sorted({e.by for e in lines if e.decision == journal.SEEN}),
             "lines": [_line(e) for e in lines],
             "go": self.may_go(),
+            "clearance": clear.as_dict() if clear else None,
         }
+
+    def clearance(self, crc: str) -> Plain:
+        """How far clearance and reach of a correction have come."""
+        clear = self._clearance(self._found(crc))
+        return clear.as_dict() if clear else {"status": "not known"}
+
+    def _clearance(self, found: Review) -> Found | None:
+        if self.clearances is None:
+            return None
+        return self.clearances.ask(found, self._values(found.crc_before), self.tables_dir)
 
     def _found(self, crc: str) -> Review:
         message = self.picture.proposal(crc)
@@ -289,14 +329,20 @@ class Desk:
         if any(e.by.casefold() == by.strip().casefold() and e.decision == journal.SEEN
                for e in self.entries() if e.crc == crc):  # fmt: skip
             return {"ok": True, "text": f"{by} has seen correction {crc}"}
-        changed = self._changes(found, read_limits(self.tables_dir))
-        why = "; ".join(warnings(found, changed.big)) or "nothing stood out"
+        clear, limits = self._clearance(found), read_limits(self.tables_dir)
+        _, stands_out = with_clearance(
+            found, self._changes(found, limits), clear.corrected if clear else None
+        )
+        if clear is not None and clear.corrected is None:
+            stands_out = [*stands_out, f"clearance and reach: {clear.why or 'not yet computed'}"]
+        why = "; ".join(stands_out) or "nothing stood out"
         record(self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, self._signer())
         return {"ok": True, "text": f"{by} has seen correction {crc}"}
 
     def decide(self, what: str, crc: str, words: Words, override: str = "") -> Plain:
         """arm, go or reject."""
         said: list[str] = []
+        operate.refuse_several("the decision", self.picture.several(), self.url)
         who = self.operator(words, said.append)
         with Link(self.url, signer=self._signer()) as link:
             if what == "arm":

@@ -68,6 +68,14 @@ class Clock:
         return jump_s
 
 
+def jpeg_of(image: Any) -> bytes | None:
+    """The JPEG of a KC_IMAGE, None if it holds none."""
+    if image.n_bytes > MOST_JPEG:
+        return None
+    data = bytes(image.jpeg)
+    return data if data.startswith(b"\xff\xd8\xff") else None
+
+
 def _own_values(message: Proposal) -> bool:
     """Whether a proposal describes the table that its CRC names."""
     try:
@@ -228,13 +236,15 @@ class Picture:
             value = self._values.get(channel)
             return value.message if value else None
 
+    def several(self) -> bool:
+        """Whether more than one flight is heard."""
+        with self._lock:
+            return self._senders.several(self.clock())
+
     def jpeg(self, seq: int) -> bytes | None:
         """The newest frame of the camera, if it has this number and is a JPEG."""
         image = self.newest("KC_IMAGE")
-        if image is None or image.seq != seq or image.n_bytes > MOST_JPEG:
-            return None
-        data = bytes(image.jpeg)
-        return data if data.startswith(b"\xff\xd8\xff") else None
+        return None if image is None or image.seq != seq else jpeg_of(image)
 
     def snapshot(self) -> tuple[Plain, Cursor]:
         """All last values and the newest rows of the log, and the cursor from which changes go on."""

@@ -6,6 +6,7 @@ import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from kincal_shared.errors import BadInput
 
 from .app import Console, make_app
 from .bench import Bench
+from .clearances import Clearances
 from .desk import Desk
 from .geometry import Geometry
 from .guard import LOOPBACK, Access
@@ -66,6 +68,7 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
     picture, bench = Picture(geometry), Bench(options.folder / "bench", options.files)
     source: AbstractContextManager[object] = nullcontext()
     recorded: AbstractContextManager[object] = nullcontext()
+    clearances: AbstractContextManager[object] = nullcontext()
     home = options.folder.expanduser()
     shelf = Shelf(options.tables_dir, home / "made", home / "tables", None)
     spaces = Spaces(home / "space", shelf, geometry)
@@ -80,6 +83,8 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
             options.url, options.key_file, options.journal, options.tables_dir, picture, options.timeout_s
         )
         shelf.desk = desk
+        desk.clearances = Clearances(home / "clearance", lambda: (shelf.made / "space.toml",))
+        clearances = desk.clearances
         where = str((options.recordings or recording.FOLDER).expanduser()) if options.record else ""
         past = Past(options.url, options.recordings, home / "history", picture, shelf, desk)
         console = Console(options.url, geometry, picture, desk, None, bench, where, shelf, spaces, past)
@@ -94,14 +99,23 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
     )  # fmt: skip
     # uvicorn raises the signal that ended it once more: without this the process would end before the rest
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    with listening, recorded, source, bench, spaces:
+    with listening, recorded, source, bench, spaces, clearances:
         ready(access)
+        if console.desk is not None:
+            threading.Thread(target=_ask_for_journal, args=(console.desk,), daemon=True).start()
         server = uvicorn.Server(config)
         if options.seconds is not None:
             ends = threading.Timer(options.seconds, lambda: setattr(server, "should_exit", True))
             ends.daemon = True
             ends.start()
         server.run([listening])
+
+
+def _ask_for_journal(desk: Desk) -> None:
+    """As soon as flight is heard: is the journal missing?"""
+    while desk.picture.newest("KC_HK") is None:
+        time.sleep(1.0)
+    desk.journal_missing()
 
 
 @contextmanager

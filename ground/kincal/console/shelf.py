@@ -155,6 +155,7 @@ class Shelf:
         image, _ = check(file, self.flown())
         if image.crc_text != crc:
             raise CommandFailed(f"the file holds table {image.crc_text} now, not {crc}", str(file))
+        operate.refuse_several("the table", desk.picture.several(), desk.url)
         request, who = operate.activate(kind.lower(), image.crc), desk.operator(words)
         with desk.link(signed=True) as link:
             signer = link.signer
@@ -170,6 +171,19 @@ class Shelf:
         text = f"{kind} table {image.crc_text} is in force"
         desk.picture.note("info", "TABLE", f"{text}, by {words.by}: {words.why}")
         return {"ok": True, "text": text}
+
+    def activate(self, kind: str, crc: str, words: Words) -> Plain:
+        """Put in force what is staged and checked, as `kincal command activate`: somebody else sent it.
+        CommandFailed, before it is sent, if flight would refuse it by the last telemetry."""
+        desk = self._desk()
+        self.place(kind, FOLDER)
+        if kind.upper() == REVIEWED:
+            raise BadInput(
+                f"a {REVIEWED} table is not put in force from here: corrections are reviewed",
+                todo="in an emergency `kincal command activate kin CRC`",
+            )
+        number = parse_crc(crc)
+        return desk.command(lambda _s: operate.activate(kind.lower(), number), words)
 
     def _desk(self) -> Desk:
         if self.desk is None:

@@ -14,8 +14,9 @@ from kincal_shared.errors import BadInput, CommandFailed
 
 from .geometry import Geometry
 from .memory import Memory
-from .picture import LISTEN, Picture
+from .picture import LISTEN, Picture, jpeg_of
 
+_IMAGE = "KC_IMAGE"
 _WAIT_S = 0.25
 
 
@@ -26,7 +27,7 @@ class Live:
     def __init__(self, url: str, picture: Picture, memory: Memory | None = None) -> None:
         self.url, self.picture, self.memory = url, picture, memory
         self._stop = threading.Event()
-        self._link = Link(url, (*LISTEN, "KC_IMAGE"))
+        self._link = Link(url, (*LISTEN, _IMAGE))
         self._thread = threading.Thread(target=self._run, name="console-live", daemon=True)
 
     def __enter__(self) -> Live:
@@ -54,19 +55,33 @@ class Live:
             self.picture.note("warning", "NOT_KEPT", f"nothing is kept for a restart: {memory.trouble}")
 
 
+@dataclass(frozen=True)
+class Frame:
+    """A frame of the camera in a file, without the image: where it begins, and a number of its own."""
+
+    t_us: int
+    seq: int
+    width_px: int
+    height_px: int
+    at: int
+    key: int
+
+
 @dataclass
 class Recording:
-    """A recording in memory: messages with their mission time, in the order in which they were written."""
+    """A recording in memory: messages with their mission time, in the order in which they were written. The
+    frames stay in the file."""
 
     path: Path
     messages: list[tuple[int, str, Any]] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
 
     @classmethod
     def read(cls, path: Path) -> Recording:
         """BadInput if the file holds nothing that a console shows."""
         out, t_us = cls(path), 0
-        for event in EventFile(path, frozenset({"KC_IMAGE"})):
-            if event.channel not in LISTEN:
+        for event in EventFile(path):
+            if event.channel not in (*LISTEN, _IMAGE):
                 continue
             try:
                 message = channels.decode(event.channel, event.data)
@@ -75,10 +90,29 @@ class Recording:
             except Exception:  # noqa: BLE001, S112 a damaged message is passed over; decoders raise anything
                 continue
             t_us = max(t_us, getattr(message, "t_us", t_us))
+            if event.channel == _IMAGE:
+                message = out._frame(message, event.at)
             out.messages.append((t_us, event.channel, message))
         if not out.messages:
             raise BadInput("the recording holds no messages of flight", str(path), "give a log of a run")
         return out
+
+    def _frame(self, image: Any, at: int) -> Frame:
+        size = image.width_px, image.height_px
+        self.frames.append(Frame(image.t_us, image.seq, *size, at, len(self.frames)))
+        return self.frames[-1]
+
+    def jpeg(self, key: int) -> bytes | None:
+        """A frame by its own number, read from the file; None if there is none."""
+        if not 0 <= key < len(self.frames):
+            return None
+        event = next(iter(EventFile(self.path, start=self.frames[key].at)), None)
+        if event is None or event.channel != _IMAGE:
+            return None
+        try:
+            return jpeg_of(channels.decode(event.channel, event.data))
+        except Exception:  # noqa: BLE001 the file was changed; decoders raise anything
+            return None
 
     @property
     def span_us(self) -> tuple[int, int]:

@@ -57,6 +57,10 @@ _DOES = {
 }
 
 
+CHECKED = 3
+"""Of hk_t.staged_state."""
+
+
 def finite(value: float) -> float | None:
     """The number, or None where JSON has no word for it."""
     return value if math.isfinite(value) else None
@@ -104,6 +108,7 @@ def housekeeping(m: Hk) -> Plain:
         "tables": {kind[i]: crc(m.table_crc[i]) for i in kind if i < len(m.table_crc) and i > 0},
         "staged": kind.get(m.staged_kind, "") if m.staged_kind else "",
         "staged_bytes": m.staged_bytes,
+        "staged_checked": m.staged_state == CHECKED,
         "boot_count": m.boot_count,
         "proposal": proposal,
         "proposal_verdict": names.verdict_name(m.proposal_verdict) if proposal and m.proposal_verdict else "",
@@ -199,8 +204,9 @@ def detection(m: Detection) -> Plain:
 
 
 def frame(m: Image) -> Plain:
-    """KC_IMAGE without the image itself, which is asked for by its number."""
-    return {"seq": m.seq, "size_px": [m.width_px, m.height_px]}
+    """KC_IMAGE without the image itself, which is asked for by `key`: its number, or in a recording that of
+    the frame in the file."""
+    return {"seq": m.seq, "key": getattr(m, "key", m.seq), "size_px": [m.width_px, m.height_px]}
 
 
 def pose(m: Progress) -> Plain:

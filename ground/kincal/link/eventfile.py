@@ -25,11 +25,12 @@ _AT_ONCE = 1 << 20  # bytes that are looked through for the next event
 
 class FileEvent(NamedTuple):
     """An event of a file. channel: its printable name; data: the bytes of the message, empty if they are not
-    wanted; utc_us: when it was recorded [us since 1970]."""
+    wanted; utc_us: when it was recorded [us since 1970]; at: byte of the file at which it begins."""
 
     channel: str
     data: bytes
     utc_us: int = 0
+    at: int = 0
 
 
 def event_bytes(number: int, utc_us: int, channel: str, data: bytes) -> bytes:
@@ -69,7 +70,7 @@ class EventFile:
             known = sync == SYNC and 0 < n_channel <= MOST_CHANNEL and 0 <= n_data <= MOST_BYTES
             if known and end <= size:
                 channel = _printable(file.read(n_channel))
-                yield FileEvent(channel, b"" if channel in self.skip else file.read(n_data), utc_us)
+                yield FileEvent(channel, b"" if channel in self.skip else file.read(n_data), utc_us, at)
                 at, whole = end, True
             else:
                 self.damaged += whole

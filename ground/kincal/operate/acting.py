@@ -13,9 +13,9 @@ from kincal.review.decisions import Accepted, Command, Operator, signer_of
 from kincal_shared.errors import CommandFailed, KincalError, NoAnswer
 from kincal_shared.keys import Signer
 
-from .commands import ACCEPTED, DONE, REFUSED, Request, Step, Tracked
+from .commands import ACCEPTED, DONE, END_OTHER, REFUSED, Request, Step, Tracked
 from .sender import send
-from .snapshot import Snapshot
+from .snapshot import SEVERAL, Snapshot
 
 Say = Callable[[Step], None]
 NOT_AGAIN = (
@@ -26,13 +26,15 @@ NOT_AGAIN = (
 
 def act(link: CommandLink, request: Request, who: Operator, snapshot: Snapshot, say: Say) -> Tracked:
     """Send a command and write it down. BadInput before anything is sent if it cannot be signed or the
-    journal is not sound; an ABORT is sent all the same, and `who.say` tells what could not be written."""
+    journal is not sound, CommandFailed if more than one flight is heard; an ABORT is sent all the same, and
+    `who.say` tells what could not be written."""
     if request.opcode == "ABORT":
         tracked = send(link, request, snapshot, who.timeout_s, say)
         _write_abort(link, who, tracked)
         return tracked
     check_words(who.by, who.why)
     signer = signer_of(link)
+    refuse_several(request.opcode, snapshot.several(link.clock_s()), link.url)
     write(link, who, signer, request, journal.ATTEMPT, who.why)
     try:
         tracked = send(link, request, snapshot, who.timeout_s, say)
@@ -47,6 +49,12 @@ def act(link: CommandLink, request: Request, who: Operator, snapshot: Snapshot, 
             f"{tracked.last_line} But the journal has only the attempt: {error.what}", error.where, NOT_AGAIN
         ) from None
     return tracked
+
+
+def refuse_several(what: str, several: bool, url: str) -> None:
+    """CommandFailed if more than one flight is heard: each would take the command."""
+    if several:
+        raise CommandFailed(f"{what} was not sent: {SEVERAL}", url, END_OTHER)
 
 
 def outcome(tracked: Tracked) -> str:

@@ -15,7 +15,7 @@ from kincal.flight import event_action, event_name, library, status_name, tables
 from kincal.link import crc_text, names, unsigned32
 from kincal_shared.keys import holder
 
-from .snapshot import FRESH, EventLine, Snapshot, Waiting, calibrating, event_of, utc_text
+from .snapshot import FRESH, SEVERAL, EventLine, Snapshot, Waiting, calibrating, event_of, utc_text
 
 if TYPE_CHECKING:
     from kincal.link.messages import Ack, Hk
@@ -28,6 +28,7 @@ _KIN = "kin"
 _VALID = 3  # hk_t.staged_state
 _EVENT_S = 1.0  # in which the event that explains a refusal follows its answer
 _FREE = ("IDLE", "SAFE")
+END_OTHER = "End the other sender; then `kincal status` shows the state."
 STATES: dict[str, tuple[str, ...]] = {
     "START": _FREE,
     "APPROVE_ARM": ("REVIEW",),
@@ -230,13 +231,16 @@ def _in_force(now: Snapshot, kind: str = _KIN) -> str:
 
 
 def _staged(request: Request, now: Snapshot, _now_s: float) -> Sequence[Unmet]:
-    hk = now.hk
-    if hk is None or hk.staged_kind == request.arg_i[0]:
+    hk, kind = now.hk, tables.kind_name(request.arg_i[0])
+    if hk is None:
         return ()
+    if hk.staged_kind == request.arg_i[0]:
+        if request.opcode == "TABLE_VALIDATE" or hk.staged_state == _VALID:
+            return ()
+        todo = f"`kincal command validate {kind.lower()} {crc_text(request.crc)}`"
+        return (Unmet(f"a staged {kind} table that flight has checked", "not checked yet", todo),)
     found = f"kind {hk.staged_kind} staged" if hk.staged_kind else "nothing staged"
-    return (
-        Unmet(f"a staged {tables.kind_name(request.arg_i[0])} table", found, "`kincal table uplink FILE`"),
-    )
+    return (Unmet(f"a staged {kind} table", found, "`kincal table uplink FILE`"),)
 
 
 _SPECIAL: dict[str, Callable[[Request, Snapshot, float], Sequence[Unmet]]] = {
@@ -269,6 +273,9 @@ class Tracked:
     """One command that was sent, and what came of it. sent_s: by the clock of ages; before: telemetry when it
     was sent, which `take` does not change.
 
+    before: the newest housekeeping then; several: more than one flight is heard. What housekeeping shows may
+    then be the other one's: nothing counts as done.
+
     steps: verifiers in the order in which they were reached; outcome: "" while it is open; last_line: how it
     ended, a sentence or two; duplicates: acknowledgements that came again."""
 
@@ -279,6 +286,8 @@ class Tracked:
     timeout_s: float
     boot_count: int | None = None
     state_before: str = ""
+    before: Hk | None = None
+    several: bool = False
 
     def __post_init__(self) -> None:
         self.steps: list[Step] = [
@@ -286,6 +295,8 @@ class Tracked:
         ]
         self.outcome = self.last_line = ""
         self.duplicates = 0
+        self._flight = None if self.before is None else self._identity(self.before)
+        self._other: tuple[int, ...] | None = None  # of the last housekeeping, if it seems another flight's
         self._heard_s: float | None = None  # last housekeeping since it was sent
         self._status: int | None = None  # of the first acknowledgement
         self._refusal: tuple[Ack, float] | None = None  # and when it was received
@@ -402,6 +413,8 @@ class Tracked:
 
     def _on_hk(self, hk: Hk, utc: str) -> None:
         state = names.state_name(hk.state)
+        if not self._same_flight(hk):
+            return
         if self.boot_count is not None and hk.boot_count != self.boot_count and not self._shows(hk, state):
             self._restarted(hk, state)
             return
@@ -410,6 +423,33 @@ class Tracked:
         if self._shows(hk, state):
             said = f"; event {self._event.name}: {self._event.text}" if self._event else ""
             self._done(utc, hk.t_us, f"housekeeping: {self._shown(hk, state)}{said}")
+
+    def _identity(self, hk: Hk) -> tuple[int, ...]:
+        """Starts, and CRCs of the tables that this command leaves as they are."""
+        if self.request.opcode == "TABLE_ACTIVATE":  # other kinds may be dropped with it
+            return (hk.boot_count,)
+        kin = tables.kind_number(_KIN) if self.request.opcode in ("APPROVE_GO", "ROLLBACK") else 0
+        return (hk.boot_count, *(crc for kind, crc in enumerate(hk.table_crc) if kind != kin))
+
+    def _same_flight(self, hk: Hk) -> bool:
+        """Whether housekeeping is of the flight that was heard before, or of its next start. Of a change that
+        stays, the second one says so; what goes to and fro are two flights."""
+        who = self._identity(hk)
+        if self._flight in (None, who):
+            self.several = self.several or self._other is not None
+        elif who in (self._other, (self._flight[0] + 1, *self._flight[1:])):
+            self._other = None
+        else:
+            self._other = who
+            return False
+        self._flight = who
+        if self.several and self.reached(ACCEPTED):
+            self._end(ACCEPTED, self._unread)
+        return not self.several
+
+    @property
+    def _unread(self) -> str:
+        return f"{self._name} accepted; what came of it cannot be read back: {SEVERAL}. {END_OTHER}"
 
     def _restarted(self, hk: Hk, state: str) -> None:
         taken = (
@@ -432,11 +472,15 @@ class Tracked:
         self._reach(ACCEPTED, utc, t_us, evidence)
         if self.request.opcode == "NOOP":
             self._effect = t_us, "flight answers"
-        if self._effect is not None:
+        if self.several:
+            self._end(ACCEPTED, self._unread)
+        elif self._effect is not None:
             self._done(utc, *self._effect)
 
     def _done(self, utc: str, t_us: int, evidence: str) -> None:
-        """Done if it was accepted; the effect alone may be somebody else's command."""
+        """Done if it was accepted; the effect alone may be somebody else's command, or another flight's."""
+        if self.several:
+            return
         if not self.reached(ACCEPTED):
             if self.request.opcode in _DONE_BY_EVENT or self._event is not None:
                 self._effect = t_us, evidence
@@ -466,6 +510,8 @@ class Tracked:
         return "Look at the state (`kincal status`) before you send it again."
 
     def _link(self, now_s: float) -> str:
+        if self.several:
+            return f"{SEVERAL}. {END_OTHER}"
         if self._heard_s is None:
             return "no housekeeping came either, so the link is cut or flight does not run."
         age = now_s - self._heard_s

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime
 import errno
+import math
 import os
 import re
 import struct
@@ -38,6 +39,9 @@ if TYPE_CHECKING:
 
 FOLDER = Path("~/.kincal/recordings")
 SUFFIX = ".lcmlog"
+FRAMES = "KC_IMAGE"
+FRAME_S = 1.0
+"""As shipped: as many as a console shows."""
 MOST_BYTES = 256 * 2**20
 """Of a file, as shipped."""
 RETRY_S = 5.0  # before a full medium is tried again
@@ -61,15 +65,21 @@ class Recorded:
 
 class Recorder:
     """Writes messages to files in a folder; `take` never raises for what the medium does. most_files: 0 keeps
-    all.
+    all; frame_s: of the camera's frames at most one in so many seconds is kept, 0: all, inf: none.
 
     BadInput if the folder cannot be made or written when it begins."""
 
     def __init__(
-        self, folder: Path, stem: str = "link", most_bytes: int = MOST_BYTES, most_files: int = 0
+        self,
+        folder: Path,
+        stem: str = "link",
+        most_bytes: int = MOST_BYTES,
+        most_files: int = 0,
+        frame_s: float = 0.0,
     ) -> None:
         self.folder, self.stem = folder.expanduser(), stem
-        self.most_bytes, self.most_files = most_bytes, most_files
+        self.most_bytes, self.most_files, self.frame_s = most_bytes, most_files, frame_s
+        self._frame_due_s = 0.0 if math.isfinite(frame_s) else math.inf
         self.files: list[Path] = []
         self.n_messages = self.n_lost = self.n_bytes = 0
         self.trouble = ""
@@ -90,6 +100,10 @@ class Recorder:
     def take(self, channel: str, data: bytes, utc_us: int, now_s: float) -> None:
         """One message; utc_us: when it was received [us since 1970]; now_s: a clock that only goes
         forward."""
+        if channel == FRAMES:
+            if now_s < self._frame_due_s:
+                return
+            self._frame_due_s = now_s + self.frame_s
         name = channel.encode("utf-8", "replace")
         record = _HEADER.pack(SYNC, self._number, utc_us, len(name), len(data)) + name + data
         if self.trouble and now_s < self._retry_s:
@@ -252,11 +266,12 @@ def record(
 
 
 def spawn(url: str, folder: Path | None = None) -> subprocess.Popen[bytes]:
-    """`kincal record` as a process of its own: it outlives whoever asks for it, and is stopped by SIGTERM."""
-    command = [sys.executable, "-m", "kincal", "record", "--url", url, "--quiet"]
+    """`kincal record` as a process of its own. It is stopped by SIGTERM, and ends in good order with whoever
+    asked for it, however that ended: its standard input ends then."""
+    command = [sys.executable, "-m", "kincal", "record", "--url", url, "--quiet", "--attached"]
     if folder is not None:
         command += ["--folder", str(folder)]
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+    return subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
 
 
 def stem_of(url: str) -> str:

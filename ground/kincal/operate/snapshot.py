@@ -236,6 +236,10 @@ class Snapshot:
         """State by the newest housekeeping, however old; "" if there is none."""
         return "" if self.hk is None else names.state_name(self.hk.state)
 
+    def several(self, now_s: float) -> bool:
+        """Whether more than one flight is heard."""
+        return self._senders.several(now_s)
+
     def proposal(self, crc: int) -> Proposal | None:
         """The message of a proposed correction, if it came while this snapshot listened."""
         return self._proposals.get(crc)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from kincal.api.corrected import Corrected, Near
 from kincal.pages import image, review_figures
 from kincal.pages.page import Cell, Command, Grid, Page, Provenance, Section, Tile, write
 from kincal.pages.run_figures import MILLI
@@ -28,9 +29,11 @@ def page(
     decide: Sequence[Choice] = (),
     changes: Changes | None = None,
     left: Sequence[PoseResidual] = (),
+    clearance: Corrected | str = "",
 ) -> Page:
     """The proposal as a page; warnings: what a reviewer should look at; about: what became of it; decide: the
-    commands for that; changes: what it changes; left: what is left at each pose."""
+    commands for that; changes: what it changes; left: what is left at each pose; clearance: with
+    the new table, or why it is not known."""
     return Page(
         kind="Review",
         title=f"Correction {review.crc_text}",
@@ -48,6 +51,7 @@ def page(
         tiles=_tiles(review),
         sections=[
             *(_changes(changes) if changes else []),
+            *_clearance(clearance),
             *_sections(review, about, limits),
             *([_left(left)] if left else []),
         ],
@@ -127,6 +131,48 @@ def _changes(c: Changes) -> list[Section]:
             Section("against", "What speaks against it", grid=Grid.of("<what|value|<has to be", against))
         )
     return out
+
+
+def _clearance(found: Corrected | str) -> list[Section]:
+    """Clearance and reach with the new table."""
+    if isinstance(found, str):
+        return [Section("clearance", "Clearance and reach", f"Not known: {found}")] if found else []
+    rows: list[list[str | Cell]] = [
+        [
+            c.what,
+            c.before.text,
+            Cell(c.after.text, "bad" if _too_near(c.after, found.margin_m) else ""),
+            c.after.where,
+            c.before.where,
+        ]
+        for c in found.clear
+    ]
+    note = (
+        "Least distance of the arm, as each table has it, to itself and to keep-out volumes. It has to be at "
+        f"least {length_text(found.margin_m)}: what SPACE {found.space} was verified for on arms with errors "
+        f"({length_text(found.nominal_m)} on the nominal arm)."
+    )
+    columns = "<where|in force|proposed|<nearest, proposed|<nearest, in force"
+    clear = Grid.of(columns, rows, " ".join([note, *found.notes]))
+    lost: list[list[str | Cell]] = [
+        [
+            r.what,
+            r.want,
+            f"{r.of - len(r.before)} of {r.of}",
+            Cell(f"{r.of - len(r.after)} of {r.of}", "bad" if r.lost and r.asked else ""),
+            r.lost_text or "none",
+        ]
+        for r in found.reach
+    ]
+    reach = Grid.of("<poses|<which|in force|proposed|<lost", lost)
+    return [
+        Section("clearance", "Clearance with the new table", f"{found.headline}.", grid=clear),
+        Section("reach", "Reach and view with the new table", grid=reach),
+    ]
+
+
+def _too_near(near: Near, margin_m: float) -> bool:
+    return near.distance_m is not None and near.distance_m < margin_m
 
 
 def _waits(r: Review, about: Status) -> list[str]:
@@ -258,9 +304,10 @@ def write_all(
     decide: Sequence[Choice] = (),
     changes: Changes | None = None,
     left: Sequence[PoseResidual] = (),
+    clearance: Corrected | str = "",
 ) -> tuple[list[Path], str]:
     """The page beside the picture (.html), and the picture (.png or .svg) where one can be made.
 
     Returns the files, and why there is no picture ("" if there is one)."""
-    made = page(review, warnings, provenance, about, limits, decide, changes, left)
+    made = page(review, warnings, provenance, about, limits, decide, changes, left, clearance)
     return image.beside([write(made, picture.with_suffix(".html"))], {picture: review_figures.sheet(review)})

@@ -414,6 +414,23 @@ def _absent(journal: Journal, log: LogSummary) -> list[str]:
     return found
 
 
+def missing(journal: Journal, key: int, accepted: int) -> str:
+    """Why a journal without a line is not that of a first start; empty if it has lines, or may be one.
+    accepted: highest counter of this key that flight has accepted, 0: none."""
+    if journal.entries or not accepted:
+        return ""
+    return (
+        f"flight has accepted commands of key {key} up to counter {accepted}, and {journal.path} has no "
+        "line: it was removed, or is kept elsewhere"
+    )
+
+
+MISSING_TODO = (
+    "bring back the copy in your records, with its .end; or name the one that is kept by --journal FILE. If "
+    "only tables were sent or read back with this key so far, begin it: `kincal review comment TEXT`"
+)
+
+
 def of_run(log: Path) -> Journal | None:
     """The journal of a run, beside its log, checked with the keys of the run if they are there; None if there
     is neither. BadInput as `read`."""

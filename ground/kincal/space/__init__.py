@@ -7,7 +7,7 @@ Every check says why it fails by a kind of reasons.py."""
 
 from kincal_shared.schema.space import Description, read_description
 
-from .checks import Checks
+from .checks import Checks, CorrectedArm
 from .collision import CollisionModel, clear_of_contact
 from .error_sampling import error_bounds, sampled_errors
 from .explain import CheckLine, Region, explain_candidate, explain_region
@@ -30,6 +30,7 @@ __all__ = [
     "CheckLine",
     "Checks",
     "CollisionModel",
+    "CorrectedArm",
     "Description",
     "Difference",
     "Expected",

@@ -3,12 +3,12 @@ when the arm is wrong."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kincal.flight import library
+from kincal.flight import Arm, library
 from kincal.rotations import Pose
 from kincal_shared.schema.space import Description
 
@@ -18,8 +18,9 @@ from .collision import CollisionModel
 from .error_sampling import Stream
 from .fit import require_fit, servo_bound_rad
 from .inputs import TablesFolder
-from .kinematics import Kinematics
+from .kinematics import Kinematics, ServoReach
 from .reasons import Reason
+from .table import Row, stop_joints
 from .view import ViewChecks
 
 if TYPE_CHECKING:
@@ -122,13 +123,9 @@ class Checks:
         """Why joints q on a verified segment are no stop: the view is that of a candidate, wherever the tool
         is, and most of the arms with errors show a tag."""
         poses = self.kinematics.poses(q_rad)
-        views = self.view.aim(poses)
-        problems, shown = self.view.problems(poses.p_m, views, box=False)
-        if problems[0]:
-            return problems[0]
-        tags = self.clearance.thick.visible_tags(q_rad, views.camera.p_m[0], int(shown[0]))
-        if tags.bit_count() < self.desc.view.tags_min:
-            return str(Reason.HIDDEN_TAGS)
+        (problem,) = _tags_problems(self.view, self.clearance.thick, q_rad[None], poses)
+        if problem:
+            return problem
         seen, arms = sum(self.detected_with_errors(q_rad)), len(self.clearance.errors)
         few = seen < self.desc.stops.shown_min * arms
         return f"a tag shows with only {seen} of {arms} arms with errors" if few else ""
@@ -184,3 +181,67 @@ class Checks:
         order = sorted(range(len(self.hubs)), key=lambda h: (float(np.max(np.abs(q_rad - self.hubs[h]))), h))
         clear = (h for h in order if not self.clearance.segment_contact(self.hubs[h], q_rad))
         return next(clear, None)
+
+
+def _tags_problems(view: ViewChecks, thick: CollisionModel, q_rad: Floats, poses: Pose) -> list[str]:
+    """Why too few tags show at each row of joints (n, joints), the tool at (n,) poses and the camera aimed at
+    it; "" if enough do."""
+    views = view.aim(poses)
+    out, shown = view.problems(poses.p_m, views, box=False)
+    for i, q in enumerate(q_rad):
+        tags = thick.visible_tags(q, views.camera.p_m[i], int(shown[i]))
+        if not out[i] and tags.bit_count() < view.desc.view.tags_min:
+            out[i] = str(Reason.HIDDEN_TAGS)
+    return out
+
+
+class CorrectedArm:
+    """The arm with the DH errors (by name) that a kinematics table holds, and flight's view of it: the camera
+    is aimed at where the tool is. horizon_m: distances below it are told apart."""
+
+    def __init__(
+        self,
+        desc: Description,
+        arm: KcArm,
+        camera: KcCamera,
+        errors: Mapping[str, float],
+        horizon_m: float,
+    ) -> None:
+        self._arm, self._view = Arm.of_table(arm, errors), ViewChecks(desc, camera)
+        self._servo = ServoReach(arm, errors)
+        self._solid = CollisionModel(desc, arm, camera, errors, horizon_m)
+        self._thick = CollisionModel(desc, arm, camera, errors, 0.0, desc.sight.margin_m)
+
+    def nearest(self, q_rad: Floats) -> tuple[float, str]:
+        """Distance [m] and pair of the shapes nearest to each other, as `CollisionModel.nearest`."""
+        return self._solid.nearest(q_rad)
+
+    def servo(self, q_rad: Floats, goal: Pose, bound_rad: Floats) -> tuple[Floats, str]:
+        """Joints that bring the tool to a goal from a seed, inside limits and servo bound (joints,); or why
+        there are none."""
+        if (q := self._servo.joints(q_rad, goal, q_rad - bound_rad, q_rad + bound_rad)) is not None:
+            return q, ""
+        wide = self._servo.joints(q_rad, goal, self._arm.q_min, self._arm.q_max)
+        if wide is None:
+            return q_rad, "not reached inside the joint limits"
+        over = np.abs(wide - q_rad) - bound_rad
+        j = int(np.argmax(over))
+        return q_rad, f"J{j + 1} {over[j]:.3f} rad beyond its servo bound"
+
+    def stops(self, row: Row) -> Iterator[tuple[int, Floats]]:
+        """Places and joints of the stops on the segment to a candidate."""
+        for part in row.stops:
+            yield part, stop_joints(row.hub_q_rad, row.q_rad, part)
+
+    def view_problems(self, q_rad: Floats) -> list[str]:
+        """Why too few tags show at each row of joints (n, joints), by the view of candidates; "" if enough
+        do."""
+        return _tags_problems(self._view, self._thick, q_rad, self._arm.fk(q_rad))
+
+    def local_view_problem(self, q_rad: Floats) -> str:
+        """The same by the view of local initial poses: one tag, however obliquely."""
+        poses = self._arm.fk(q_rad[None])
+        eye = self._view.aim(poses).camera[0]
+        seen = self._view.camera.visible(eye.inverse @ poses, FAULTY_INCID_MAX_RAD)
+        tags = self._thick.visible_tags(q_rad, eye.p_m, int(seen[0]))
+        return "" if tags else "no tag shows"

@@ -52,8 +52,7 @@ class Clearance:
     def segment_contact(self, a_rad: Floats, b_rad: Floats) -> str:
         """First pair in contact on the straight joint-space segment, both ends included, or an empty
         string."""
-        n = max(int(np.ceil(np.max(np.abs(b_rad - a_rad)) / self.step_rad)), 1)
-        postures = [a_rad + (b_rad - a_rad) * s for s in np.linspace(0.0, 1.0, n + 1)]
+        postures = segment_postures(a_rad, b_rad, self.step_rad)
         return _first_contact((arm, q) for arm in self.arms for q in postures)
 
     def box_contact(self, lo: Floats, hi: Floats, samples: int, rng: np.random.Generator) -> str:
@@ -65,6 +64,13 @@ class Clearance:
         u[1::2] = np.round(u[1::2])
         postures = enumerate(lo + (hi - lo) * u, first)
         return _first_contact((arms[i % len(arms)], q) for i, q in postures)
+
+
+def segment_postures(a_rad: Floats, b_rad: Floats, step_rad: float) -> list[Floats]:
+    """Postures on the straight joint-space segment at which it is verified, both ends included; no joint
+    moves farther than the step from one to the next."""
+    n = max(int(np.ceil(np.max(np.abs(b_rad - a_rad)) / step_rad)), 1)
+    return [a_rad + (b_rad - a_rad) * s for s in np.linspace(0.0, 1.0, n + 1)]
 
 
 def _first_contact(tries: Iterable[tuple[CollisionModel, Floats]]) -> str:

@@ -65,7 +65,20 @@ class CollisionModel:
         near = np.flatnonzero(self.data.contact.dist[: self.data.ncon] < self.contact_m)
         if not len(near):
             return ""
-        return " - ".join(sorted(self.labels[g] for g in self.data.contact.geom[near[0]]))
+        return self._pair(int(near[0]))
+
+    def nearest(self, q_rad: Floats) -> tuple[float, str]:
+        """Least distance [m] of the pairs nearer than `contact_m` at joints q, and that pair as in `contact`;
+        inf and "" if there is none. Negative: one is inside the other."""
+        self._move(q_rad)
+        mujoco.mj_collision(self.model, self.data)
+        found = self.data.contact.dist[: self.data.ncon]
+        if not self.data.ncon or found.min() >= self.contact_m:
+            return float("inf"), ""
+        return float(found.min()), self._pair(int(np.argmin(found)))
+
+    def _pair(self, contact: int) -> str:
+        return " - ".join(sorted(self.labels[g] for g in self.data.contact.geom[contact]))
 
     def tool_pose(self, q_rad: Floats) -> tuple[Floats, Floats]:
         """Position [m] and rotation of the tool in the base frame, by MuJoCo's own kinematics."""

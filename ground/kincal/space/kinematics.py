@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,8 +40,7 @@ class Kinematics:
         # solved inside the margins at once
         self._solver = Solver(arm, _IK, (self.lo, self.hi))
         cases = desc.error_bounds.case if desc.error_bounds.reach else []
-        wrong = [with_dh_errors(arm, case) for case in cases]
-        self._cases = [(Solver(case, _SERVO_IK), _joint_errors(case, arm)) for case in wrong]
+        self._cases = [ServoReach(arm, case) for case in cases]
 
     def poses(self, q_rad: Floats) -> Pose:
         """(n,) tool poses of the nominal arm in the base frame at joints (n, joints); for one posture
@@ -80,15 +80,31 @@ class Kinematics:
     def case_out_of_reach(self, q_rad: Floats, goal: Pose, bound_rad: Floats) -> int | None:
         """First named case of errors under which the servo cannot bring the tool to a goal from inside its
         bound: neither from the seed, nor with the joints' own errors taken back. None: all can."""
-        lo, hi = self.servo_limits(q_rad, bound_rad)
-        lo = np.maximum(lo, self.q_min + _SERVO_MARGIN_RAD)
-        hi = np.minimum(hi, self.q_max - _SERVO_MARGIN_RAD)
+        limits = self.servo_limits(q_rad, bound_rad)
+        cases = enumerate(self._cases)
+        return next((k for k, case in cases if case.joints(q_rad, goal, *limits) is None), None)
+
+
+class ServoReach:
+    """Where the servo takes the joints of an arm with DH errors (by name), which it knows: the arm that a
+    correction describes, or a named case of errors."""
+
+    def __init__(self, arm: KcArm, errors: Mapping[str, float]) -> None:
+        wrong, n = with_dh_errors(arm, errors), int(arm.n_joints)
+        self._solver, self._errors_rad = Solver(wrong, _SERVO_IK), _joint_errors(wrong, arm)
+        self._q_min = np.array([arm.joint[j].q_min for j in range(n)]) + _SERVO_MARGIN_RAD
+        self._q_max = np.array([arm.joint[j].q_max for j in range(n)]) - _SERVO_MARGIN_RAD
+
+    def joints(self, q_rad: Floats, goal: Pose, lo: Floats, hi: Floats) -> Floats | None:
+        """Joints (joints,) from lo to hi, inside the limits, that bring the tool to a goal: from the seed q,
+        or with the joints' own errors taken back. None if there are none."""
         goals = Pose(goal.p_m[None], goal.R[None])
-        for k, (solver, errors_rad) in enumerate(self._cases):
-            solver.limit(lo, hi)
-            starts = (q_rad - errors_rad, q_rad)
-            if not any(solver.solve(goals, start[None])[1][0] for start in starts):
-                return k
+        self._solver.limit(np.maximum(lo, self._q_min), np.minimum(hi, self._q_max))
+        for start in (q_rad - self._errors_rad, q_rad):
+            q, found = self._solver.solve(goals, start[None])
+            if found[0]:
+                row: Floats = q[0]
+                return row
         return None
 
 

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from kincal.api.corrected import Corrected
 from kincal.cli.text.layout import grid
 from kincal.results import angle_text, chance_text, length_text
 from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
@@ -116,6 +117,7 @@ def show(
     decide: Sequence[Choice] = (),
     changes: Changes | None = None,
     left: Sequence[PoseResidual] = (),
+    clearance: Corrected | str = "",
 ) -> None:
     """A proposal with all its numbers, what changes, what became of it, what a reviewer should look at, and
     the commands to decide."""
@@ -128,6 +130,7 @@ def show(
         out.print(f"measuring ended: {r.ended}")
     if changes is not None:
         what_changes(out, changes, {c.name: c.confounded for c in r.coefs})
+    _clearance(out, clearance)
     shown = [c for c in r.coefs if not c.idle]
     if changes is None:
         out.print(_coefficients(shown))
@@ -185,6 +188,29 @@ def what_changes(out: Console, c: Changes, confounded: Mapping[str, Sequence[str
         out.print(f"[yellow]not determined by these poses[/]: {escape(', '.join(c.undetermined))}")
     for reason in c.reasons:
         out.print(f"[red]against it:[/] {escape(reason.text)}")
+
+
+def _clearance(out: Console, found: Corrected | str) -> None:
+    """Clearance and reach with the new table."""
+    if isinstance(found, str):
+        if found:
+            out.print(f"clearance and reach with the new table are not known: {escape(found)}")
+        return
+    columns = ("where", "in force", "proposed", "nearest, proposed")
+    title = f"\nClearance: at least {length_text(found.margin_m)} (SPACE {found.space})"
+    rows = grid(title, *columns, right=(1, 2))
+    for c in found.clear:
+        near = c.after.distance_m is not None and c.after.distance_m < found.margin_m
+        after = f"[red]{c.after.text}[/]" if near else c.after.text
+        rows.add_row(c.what, c.before.text, after, escape(c.after.where))
+    out.print(rows)
+    rows = grid("\nReach and view", "poses", "which", "in force", "proposed", "lost", right=(2, 3))
+    for r in found.reach:
+        counts = f"{r.of - len(r.before)}", f"{r.of - len(r.after)} of {r.of}"
+        rows.add_row(r.what, r.want, *counts, escape(r.lost_text))
+    out.print(rows)
+    for note in found.notes:
+        out.print(escape(note))
 
 
 def _coefficients(coefs: Sequence[CoefLine]) -> Table:

@@ -5,7 +5,7 @@ import { keep, kept, tell } from "./store.js";
 import { say } from "./said.js";
 
 // label: of the first button; act: of the second; text(): what happens; path, body(): of the request; key: of
-// the draft; preview(): elements that show what would change; why: what the reason field asks; more: further fields {name, label}; disabled: why it cannot be.
+// the draft; preview(): elements that show what would change; why: what the reason field asks; more: further fields {name, label, value: as it is offered}; disabled: why it cannot be.
 export function confirmed({ label, act, text, path, body = () => ({}), key, danger = false, fields = ["by", "why"], more = [], disabled = "", done = () => {}, preview = null }) {
   const box = el("div", { class: "confirm" });
   const draft = kept(`draft:${key}`, {});
@@ -15,15 +15,15 @@ export function confirmed({ label, act, text, path, body = () => ({}), key, dang
     show(box, el("button", { type: "button", class: danger ? "danger" : "", disabled: Boolean(disabled), title: disabled || null, onclick: () => { draft.open = true; save(); opened(true); } }, label));
   }
   function save() { keep(`draft:${key}`, draft); }
-  function field(name, title) {
+  function field(name, title, value = "") {
     const made = el("input", { type: "text", name, autocomplete: "off", required: true });
-    made.value = draft[name] ?? (name === "by" ? kept("by", "") : "");
+    made.value = draft[name] ?? (name === "by" ? kept("by", "") : value);
     made.addEventListener("input", () => { draft[name] = made.value; if (name === "by") keep("by", made.value); save(); check(); });
     return [el("label", {}, title, made), made];
   }
   let check = () => {};
   function opened(focus) {
-    const made = [...fields.map((f) => [f, ...field(f, labels[f])]), ...more.map((m) => [m.name, ...field(m.name, m.label)])];
+    const made = [...fields.map((f) => [f, ...field(f, labels[f])]), ...more.map((m) => [m.name, ...field(m.name, m.label, m.value)])];
     const go = el("button", { type: "submit", class: danger ? "danger" : "primary" }, act);
     const stop = el("button", { type: "button", onclick: () => { draft.open = false; save(); closed(); } }, "cancel");
     const said = el("p", { class: "bad small", role: "alert" });

@@ -94,8 +94,10 @@ async function journal() {
     if (parts) show(parts.journal, el("h2", {}, "Journal"), el("p", { class: "bad" }, error.message));
     return;
   }
+  let missing = "";
+  if (!lines.length) try { missing = (await ask("journal/missing")).text; } catch { /* flight was not heard */ }
   if (!parts) return;
-  show(parts.journal, el("h2", {}, "Journal"), lines.length
+  show(parts.journal, el("h2", {}, "Journal"), missing ? el("p", { class: "bad missing" }, `◆ ${missing}`) : null, lines.length
     ? el("ul", {}, lines.slice(0, 100).map((e) => el("li", {}, el("b", {}, `${e.decision} ${e.crc}`), ` ${e.by}${e.key ? `, key ${e.key}` : ""}${e.armed_key ? ` (armed by key ${e.armed_key})` : ""}`, el("small", {}, `${e.time.replace("T", " ").replace("+00:00", " UTC")}: ${e.why}${e.override ? `; override: ${e.override}` : ""}${e.unfinished ? ". ▲ Nothing says what came of it: the state of flight does." : ""}`))))
     : el("p", { class: "muted" }, "No decision was written yet."), el("p", { class: "muted small" }, store.about.journal));
 }
@@ -118,11 +120,28 @@ async function load() {
   const page = document_(found.page);
   shown = { crc, found, page };
   show(parts.review, page.node);
-  page.node.querySelector(".sub").after(...[question(crc)].filter(Boolean));
+  page.node.querySelector(".sub").after(...[question(crc), clearance(crc, found.clearance)].filter(Boolean));
   page.draw();
   parts.review.scrollTop = top;
   decide();
   inbox();
+}
+
+// Clearance and reach are computed by a process of the console; the page is drawn again when they are there.
+function clearance(crc, state) {
+  if (!["running", "waiting"].includes(state?.status)) return null;
+  const bar = el("progress", { "aria-label": "Clearance and reach" }), node = el("div", { class: "progress clearance" }, "Clearance and reach with the new table are being computed ", bar);
+  const fill = (s) => { if (s.of) { bar.max = s.of; bar.value = s.done; } };
+  fill(state);
+  const timer = setInterval(async () => {
+    if (!node.isConnected) { clearInterval(timer); return; }
+    let now;
+    try { now = await ask(`review/${encodeURIComponent(crc)}/clearance`); } catch { return; }
+    if (["running", "waiting"].includes(now.status)) { fill(now); return; }
+    clearInterval(timer);
+    if (parts && shown?.crc === crc) load();
+  }, 1000);
+  return node;
 }
 
 // ------------------------------------------------------------------ decide

@@ -172,7 +172,7 @@ function frame(data) {
   if (!data && !shownFrame) { show(parts.frame, el("p", { class: "muted" }, "No detection and no frame was heard.")); return; }
   const [width, height] = data?.image_px ?? shownFrame.size_px;
   const made = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${shownFrame ? `frame ${shownFrame.seq} of the camera, ` : ""}${data?.tags.length ?? 0} tags` });
-  if (shownFrame) made.append(svg("image", { href: `/api/frame/${shownFrame.seq}`, x: 0, y: 0, width, height, preserveAspectRatio: "none" }));
+  if (shownFrame) made.append(svg("image", { href: `/api/frame/${shownFrame.key}`, x: 0, y: 0, width, height, preserveAspectRatio: "none" }));
   made.append(svg("rect", { x: 0, y: 0, width, height, class: "image" }));
   for (const tag of data?.tags ?? []) {
     const corners = tag.corners_px;
@@ -182,7 +182,7 @@ function frame(data) {
     made.append(text);
   }
   if (data?.tool_px) made.append(svg("circle", { cx: data.tool_px[0], cy: data.tool_px[1], r: height * 0.02, class: "tool" }));
-  const of = !shownFrame ? store.about.live ? "tags only: no frame is transmitted on KC_IMAGE" : "tags only: frames of a recording are not shown" : !data ? `frame ${shownFrame.seq}` : data.seq === shownFrame.seq ? `frame ${shownFrame.seq} and its tags` : `▲ frame ${shownFrame.seq}, tags of frame ${data.seq}`;
+  const of = !shownFrame ? store.about.live ? "tags only: no frame is transmitted on KC_IMAGE" : "tags only: no frame was recorded up to here" : !data ? `frame ${shownFrame.seq}` : data.seq === shownFrame.seq ? `frame ${shownFrame.seq} and its tags` : `▲ frame ${shownFrame.seq}, tags of frame ${data.seq}`;
   show(parts.frame, made, el("p", { class: "small muted" }, of), data ? el("p", { class: "small" }, mark(data.tags.length ? "ok" : "near"), data.tags.length
     ? ` ${data.tags.length} tag${data.tags.length === 1 ? "" : "s"}, range ${fixed(data.range_m, 2, "m")}, incidence ${fixed(data.incidence_deg, 0, "°")}, residual ${fixed(data.rms_px, 2, "px")}`
     : " no tags in the last frame") : null);
