@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -26,7 +27,20 @@ ORDER = ("KC_ARM_CMD", "KC_PANTILT_CMD", "KC_FRAME_REQUEST")
 
 def _slots(values: np.ndarray) -> list[float]:
     """A joint vector as messages carry it, filled up with zeros."""
-    return np.asarray(values, float).tolist() + [0.0] * (JOINT_SLOTS - len(values))
+    return values.tolist() + [0.0] * (JOINT_SLOTS - len(values))
+
+
+class _Listed:
+    """A list of an array's values, made when it is another array than last time."""
+
+    def __init__(self, make: Callable[[np.ndarray], list] = _slots) -> None:
+        self._make, self._of, self._values = make, np.empty(0), []
+
+    def of(self, array: np.ndarray) -> list:
+        """The list; messages share it."""
+        if array is not self._of:
+            self._of, self._values = array, self._make(array)
+        return self._values
 
 
 class World:
@@ -52,6 +66,9 @@ class World:
         self._requested_frames: list[int] = []
         self._seq = 0
         self._next_truth_us = 0
+        self._q, self._dq, self._q_cmd = _Listed(), _Listed(), _Listed()
+        self._dir = _Listed(lambda d: d.tolist() + [0] * (JOINT_SLOTS - len(d)))
+        self._gravity = [float(g) for g in scenario.env.gravity_m_s2]
 
     def receive(self, channel: str, message: Any) -> None:
         """A command from flight; carried out when time next moves."""
@@ -74,6 +91,8 @@ class World:
 
     def execute_commands(self, t_us: int) -> None:
         """Pass the commands that were received to the controllers, at this time."""
+        if not self._commands:
+            return
         for channel, m in sorted(self._commands, key=lambda c: (ORDER.index(c[0]), c[1].seq)):
             if channel == "KC_ARM_CMD":
                 n = m.n_joints if 0 <= m.n_joints <= JOINT_SLOTS else 0
@@ -119,16 +138,16 @@ class World:
         return np.round(q / step_rad) * step_rad if step_rad else q
 
     def _arm_state(self, q: np.ndarray, dq: np.ndarray, moving: bool) -> kcm.arm_state_t:
-        m, env, n = kcm.arm_state_t(), self.scenario.env, len(q)
-        m.t_us, m.seq, m.n_joints = self.now_us, self._seq, n
-        m.q_rad, m.dq_rad_s, m.q_cmd_rad = map(_slots, (self._readings(q), dq, self.controller.q_cmd))
-        m.dir = self.controller.trajectory.direction.tolist() + [0] * (JOINT_SLOTS - n)
+        m, env = kcm.arm_state_t.__new__(kcm.arm_state_t), self.scenario.env
+        m.t_us, m.seq, m.n_joints = self.now_us, self._seq, len(q)
+        m.q_rad, m.dq_rad_s = self._q.of(self._readings(q)), self._dq.of(dq)
+        m.q_cmd_rad, m.dir = self._q_cmd.of(self.controller.q_cmd), self._dir.of(self.controller.trajectory.direction)
         m.moving, m.fault_mask = int(moving), self.controller.fault_mask
-        m.temp_c, m.payload_kg, m.g_m_s2 = env.temp_c, env.payload_kg, [float(g) for g in env.gravity_m_s2]
+        m.temp_c, m.payload_kg, m.g_m_s2 = env.temp_c, env.payload_kg, self._gravity
         return m
 
     def _pantilt_state(self, pantilt: np.ndarray, moving: bool) -> kcm.pantilt_state_t:
-        m = kcm.pantilt_state_t()
+        m = kcm.pantilt_state_t.__new__(kcm.pantilt_state_t)
         m.t_us, m.seq, m.moving = self.now_us, self._seq, int(moving)
         m.pan_rad, m.tilt_rad = pantilt.tolist()
         return m

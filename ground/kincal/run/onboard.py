@@ -108,6 +108,8 @@ class FlightSoftware:
         self.store, self.keep = store, keep
         self._app = cast("KcApp", _FLIGHT.ffi.addressof(cast(Any, _FLIGHT.lib), "kc_app_instance"))
         self._in, self._out = _FLIGHT.new("kc_in_t"), _FLIGHT.new("kc_out_t")
+        self._inputs, self._outputs = wire.place(self._in), wire.place(self._out)
+        self._newest_of = {name: self._inputs.member(name) for name in ("arm", "pantilt")}
         self._waiting = _Waiting()
         self._event_seq = 0
         FlightSoftware._newest = self
@@ -132,7 +134,7 @@ class FlightSoftware:
         if name in _QUEUED:
             self._waiting.add(name, message)
         elif name:
-            wire.fill(name, getattr(self._in, name), message)
+            wire.fill(name, self._newest_of[name], message)
             setattr(self._in, f"has_{name}", 1)
 
     def step(self, now_us: int) -> list[Message]:
@@ -141,9 +143,12 @@ class FlightSoftware:
             raise KincalError("another flight was started in this process", todo="run one after the other")
         self._take_due(now_us)
         _LIB.kc_app_step(self._app, now_us, self._in, self._out)
-        wire.clear(self._in)
-        self._store_all()
-        published = list(wire.messages(self._out, now_us, self._event_seq))
+        wire.clear(self._inputs)
+        if not any(wire.counts(self._outputs)):
+            return []
+        if self._out.n_store:
+            self._store_all()
+        published = list(wire.messages(self._outputs, now_us, self._event_seq))
         self._event_seq += self._out.events.n
         return published
 
@@ -151,7 +156,7 @@ class FlightSoftware:
         """What waits and is due, into the input of the core."""
         for name, due in self._waiting.take(now_us):
             for k, m in enumerate(due):
-                wire.fill(name, getattr(self._in, name)[k], m)
+                wire.fill(name, self._inputs.member(name).entry(k), m)
             setattr(self._in, f"n_{name}", len(due))
 
     def _store_all(self) -> None:
