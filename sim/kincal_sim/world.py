@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -105,9 +104,9 @@ class World:
 
     def settle(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> AtRest:
         """Put the MuJoCo arm where it truly is for these readings of arm (n,) and pan-tilt unit (2,)."""
-        t_s, pan, tilt = (self.now_us or 0) * 1e-6, float(pantilt_rad[0]), float(pantilt_rad[1])
-        at = conditions(self.scenario, q_read_rad, self.controller.trajectory.direction, t_s)
-        return self.plant.settle(replace(at, pan_rad=pan, tilt_rad=tilt))
+        direction, t_s = self.controller.trajectory.direction, (self.now_us or 0) * 1e-6
+        pan_rad, tilt_rad = pantilt_rad.tolist()
+        return self.plant.settle(conditions(self.scenario, q_read_rad, direction, t_s, (pan_rad, tilt_rad)))
 
     def _observe(self, q: np.ndarray, pantilt: np.ndarray) -> list[tuple[str, Message]]:
         """Frames that were requested, and the truth once a second."""
