@@ -11,7 +11,7 @@ import numpy as np
 import kcm
 
 from .mechanics.motion import ArmController, PanTiltController
-from .mechanics.plant import AtRest
+from .mechanics.plant import AtRest, Conditions
 from .randomness import generator
 from .scenario import Scenario
 from .transforms import quaternion
@@ -104,9 +104,16 @@ class World:
 
     def settle(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> AtRest:
         """Put the MuJoCo arm where it truly is for these readings of arm (n,) and pan-tilt unit (2,)."""
+        return self.plant.settle(self._conditions(q_read_rad, pantilt_rad))
+
+    def stand(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> None:
+        """settle() for those who need no poses."""
+        self.plant.stand(self._conditions(q_read_rad, pantilt_rad))
+
+    def _conditions(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> Conditions:
         direction, t_s = self.controller.trajectory.direction, (self.now_us or 0) * 1e-6
         pan_rad, tilt_rad = pantilt_rad.tolist()
-        return self.plant.settle(conditions(self.scenario, q_read_rad, direction, t_s, (pan_rad, tilt_rad)))
+        return conditions(self.scenario, q_read_rad, direction, t_s, (pan_rad, tilt_rad))
 
     def _observe(self, q: np.ndarray, pantilt: np.ndarray) -> list[tuple[str, Message]]:
         """Frames that were requested, and the truth once a second."""

@@ -38,17 +38,22 @@ class _Waiting:
     def __init__(self) -> None:
         self._waiting: dict[str, list[Any]] = {}
 
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
     def add(self, name: str, message: Any) -> None:
         """A message for the member `name` of kc_in_t."""
         self._waiting.setdefault(name, []).append(message)
 
     def take(self, now_us: int) -> Iterator[tuple[str, list[Any]]]:
         """What is due, by member, as much as one step takes; the rest waits for the next."""
-        for name in [name for name, waiting in self._waiting.items() if waiting]:
-            due, later = _split(self._waiting[name], now_us)
+        waiting, self._waiting = self._waiting, {}
+        for name, messages in waiting.items():
+            due, later = _split(messages, now_us)
             due = _ORDER.get(name, _by_number)(due)
             room = len(getattr(_ROOM, name))
-            self._waiting[name] = later + due[room:]
+            if later or due[room:]:
+                self._waiting[name] = later + due[room:]
             yield name, due[:room]
 
 
@@ -141,7 +146,8 @@ class FlightSoftware:
         """One tick at a mission time; what flight publishes, after all of it is stored."""
         if FlightSoftware._newest is not self:
             raise KincalError("another flight was started in this process", todo="run one after the other")
-        self._take_due(now_us)
+        if self._waiting:
+            self._take_due(now_us)
         _LIB.kc_app_step(self._app, now_us, self._in, self._out)
         wire.clear(self._inputs)
         if not any(wire.counts(self._outputs)):

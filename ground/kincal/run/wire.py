@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct as packing
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
@@ -93,9 +94,9 @@ class _Layout:
             count += n
         self._packing = packing.Struct(form)
 
-    def read(self, struct: Place) -> tuple[Any, ...]:
-        """All values; those without a sign as messages have them, with one."""
-        return self._packing.unpack_from(struct.memory, struct.offset)
+    def read(self, struct: Place, beyond: int = 0) -> tuple[Any, ...]:
+        """All values, those without a sign as messages have them, with one. beyond: bytes after the place."""
+        return self._packing.unpack_from(struct.memory, struct.offset + beyond)
 
     def write(self, struct: Place, values: Iterable[Any]) -> None:
         """All values; what lies between them becomes zero."""
@@ -120,11 +121,11 @@ def _listed(value: Any) -> Any:
 
 
 def _write(struct: Place, message: Any, /, **given: Any) -> None:
-    """A message; fields that are not given are those of the message with the same names."""
-    layout = _shared(struct.ctype, type(message))
+    """A message; fields that are not given are those of the message with the same names. given: the last
+    ones of the struct."""
+    layout, read = _shared(struct.ctype, type(message), tuple(given))
     values: list[Any] = []
-    for name, array in layout.fields:
-        value = given[name] if name in given else getattr(message, _NAMES.get(name, name))
+    for (_, array), value in zip(layout.fields, (*read(message), *given.values()), strict=True):
         if array:
             values += value
         else:
@@ -133,9 +134,13 @@ def _write(struct: Place, message: Any, /, **given: Any) -> None:
 
 
 @cache
-def _shared(ctype: Any, kind: Any) -> _Layout:
-    """Fields that a struct and a message have in common."""
-    return _Layout(ctype, lambda name: _NAMES.get(name, name) in kind.__slots__)
+def _shared(ctype: Any, kind: Any, given: tuple[str, ...]) -> tuple[_Layout, Callable[[Any], Any]]:
+    """Fields that a struct and a message have in common, and what reads those that are not given."""
+    layout = _Layout(ctype, lambda name: _NAMES.get(name, name) in kind.__slots__)
+    names = [name for name, _ in layout.fields]
+    read = names[: len(names) - len(given)]
+    assert names == [*read, *given]
+    return layout, attrgetter(*(_NAMES.get(name, name) for name in read))
 
 
 def _write_auth(struct: Place, m: Cmd | TableChunk) -> None:
@@ -213,11 +218,12 @@ def clear(inputs: Place) -> None:
 
 _COUNTS = _Layout(_FLIGHT.ffi.typeof("kc_out_t"), lambda name: name.startswith(("n_", "has_")))
 _EVENTS = _Layout(_FLIGHT.ffi.typeof("kc_events_t"), lambda name: name == "n")
+_EVENTS_AT = _members(_FLIGHT.ffi.typeof("kc_out_t"))["events"].offset
 
 
 def counts(out: Place) -> tuple[int, ...]:
     """How much a step gave: answers, store requests, outputs of KC_OUT_LIST, events."""
-    return _COUNTS.read(out) + _EVENTS.read(out.member("events"))
+    return _COUNTS.read(out) + _EVENTS.read(out, _EVENTS_AT)
 
 
 def messages(out: Place, t_us: int, event_seq: int) -> Iterator[Message]:

@@ -91,11 +91,12 @@ class TrajectoryGenerator:
         self._goal_scale = 1.0
         self._amplitude = np.zeros_like(self._start)
         self._no_speed = np.zeros_like(self._start)
+        self._at_rest = False  # and nothing commanded since
 
     def command(self, t: float, goal: ArrayLike, scale: float) -> None:
         """Go to `goal` with `scale` (0..1] of the speed limits, from wherever the axes are at time t."""
         self._brake(t)
-        self._goal, self._goal_scale = np.array(goal, float), scale
+        self._goal, self._goal_scale, self._at_rest = np.array(goal, float), scale, False
         self._advance(t)
 
     def hold(self, t: float) -> None:
@@ -106,12 +107,15 @@ class TrajectoryGenerator:
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray, bool]:
         """Positions, speeds, and whether anything moves or vibrates. At rest the arrays are the same ones each
         time; nobody changes them in place."""
+        if self._at_rest:  # most of the time
+            return self._start, self._no_speed, False
         self._advance(t)
         if self._profile is not None:
             s, v = self._profile.at(t - self._t_start)
             return self._start + s * self._unit, v * self._unit, True
         vibrating = self.vibration.at(t - self._t_rest, self._amplitude)
-        if vibrating is None:  # most of the time
+        if vibrating is None:
+            self._at_rest = True
             return self._start, self._no_speed, False
         return self._start + vibrating[0], vibrating[1], True
 
