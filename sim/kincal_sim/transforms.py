@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+_UNMOVED = np.eye(4)
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -80,7 +81,7 @@ def rotation_matrix(q_wxyz: ArrayLike) -> np.ndarray:
 
 def transform(p_m: ArrayLike, R: np.ndarray) -> np.ndarray:
     """4x4 transform of a position and a 3x3 rotation."""
-    T = np.eye(4)
+    T = _UNMOVED.copy()
     T[:3, :3] = R
     T[:3, 3] = p_m
     return T

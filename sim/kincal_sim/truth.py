@@ -57,7 +57,8 @@ def conditions(
     pantilt_rad: tuple[float, float] = (0.0, 0.0),
 ) -> Conditions:
     """Conditions of an observation in the scenario's surroundings. q_rad: (n,) encoder readings;
-    direction: (n,) signs of the last motion; t_s: mission time; pantilt_rad: encoders of the pan-tilt unit."""
+    direction: (n,) signs of the last motion; t_s: mission time; pantilt_rad: encoders of the pan-tilt
+    unit."""
     (pan_rad, tilt_rad), env = pantilt_rad, scenario.env
     return Conditions(
         q_rad=q_rad,

@@ -177,7 +177,7 @@ class CheckedWorld(World):
         super().__init__(scenario, seed, fast_imager)
         self.found: dict[str, dict] = {}
         self.note = dict
-        self._checked: tuple[np.ndarray, np.ndarray] | None = None
+        self._checked = None
         self._record_contacts(*self._axes(0.0))
 
     def _axes(self, t_s: float):
@@ -189,9 +189,10 @@ class CheckedWorld(World):
             self._record_contacts(*self._axes((t_us + k * TICK_US / SUBSTEPS) * 1e-6), t_us * 1e-6)
 
     def _record_contacts(self, q, pan_tilt, t_s: float = 0.0) -> None:
-        if self._checked and all(a is b or np.array_equal(a, b) for a, b in zip(self._checked, (q, pan_tilt))):
+        at = (q.tobytes(), pan_tilt.tobytes())
+        if at == self._checked:
             return
-        self._checked = q, pan_tilt
+        self._checked = at
         self.stand(q, pan_tilt)
         model, data = self.arm.model, self.arm.data
         mujoco.mj_comPos(model, data)

@@ -50,11 +50,11 @@ TABLES = installation.root() / "tables" / "bin"
 
 
 class Commander(Protocol):
-    """Who commands flight: the simulator's executive, or a script.
+    """Who commands flight: the simulator's executive, or a script."""
 
-    channels: whose messages it needs from now on."""
-
-    channels: Collection[str]
+    @property
+    def channels(self) -> Collection[str]:
+        """Those whose messages it needs from now on."""
 
     def tick(self, now_us: int, messages: list[Message], /) -> bool:
         """Once a tick, after flight, with the messages of earlier ticks; False when everything is over."""

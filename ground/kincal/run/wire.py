@@ -27,10 +27,21 @@ Message: TypeAlias = "tuple[str, Any]"
 _FLIGHT = library("flight")
 _NOTHING = bytes(_FLIGHT.ffi.sizeof("kc_in_t"))
 _CODES = {  # as messages carry them: LCM has no unsigned types
-    **{"double": "d", "int32_t": "i", "uint32_t": "i", "int64_t": "q", "uint64_t": "q"},
-    **{"uint8_t": "B", "uint16_t": "H", "_Bool": "B"},
+    "double": "d",
+    "int32_t": "i",
+    "uint32_t": "i",
+    "int64_t": "q",
+    "uint64_t": "q",
+    "uint8_t": "B",
+    "uint16_t": "H",
+    "_Bool": "B",
 }
-_NAMES = {"q": "q_rad", "dq": "dq_rad_s", "q_cmd": "q_cmd_rad", "total": "total_bytes"}  # fields to flight, in messages
+_NAMES = {
+    "q": "q_rad",
+    "dq": "dq_rad_s",
+    "q_cmd": "q_cmd_rad",
+    "total": "total_bytes",
+}  # fields to flight, in messages
 _OUTPUTS = [  # member of kc_out_t, channel
     (has[4:], f"KC_{has[4:].upper()}")
     for has, _ in _FLIGHT.ffi.typeof("kc_out_t").fields or ()
@@ -123,7 +134,8 @@ def _listed(value: Any) -> Any:
 def _write(struct: Place, message: Any, /, **given: Any) -> None:
     """A message; fields that are not given are those of the message with the same names. given: the last
     ones of the struct."""
-    layout, read = _shared(struct.ctype, type(message), tuple(given))
+    kind: Any = type(message)
+    layout, read = _shared(struct.ctype, kind, tuple(given))
     values: list[Any] = []
     for (_, array), value in zip(layout.fields, (*read(message), *given.values()), strict=True):
         if array:
@@ -318,4 +330,3 @@ _MAKE: dict[str, Callable[[Place, int], LcmMessage]] = {
     "proposal": _proposal,
     "table_down": _table_down,
 }
-

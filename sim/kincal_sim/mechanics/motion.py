@@ -105,8 +105,8 @@ class TrajectoryGenerator:
         self._goal = None
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Positions, speeds, and whether anything moves or vibrates. At rest the arrays are the same ones each
-        time; nobody changes them in place."""
+        """Positions, speeds, and whether anything moves or vibrates. At rest the arrays are the same ones
+        each time; nobody changes them in place."""
         if self._at_rest:  # most of the time
             return self._start, self._no_speed, False
         self._advance(t)
