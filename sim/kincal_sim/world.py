@@ -66,9 +66,8 @@ class World:
         self._requested_frames: list[int] = []
         self._seq = 0
         self._next_truth_us = 0
-        self._true: AtRest | None = (
-            None  # last answer of settle(), for what was asked, and where the arm stood
-        )
+        # The last answer of settle(), what was asked, where the arm stood then; and what follows from it.
+        self._true: AtRest | None = None
         self._asked: tuple[Any, ...] = ()
         self._stands = b""
         self._truth: tuple[AtRest, list[str], list[float]] | None = None
@@ -140,8 +139,8 @@ class World:
         if truth_due:
             self._next_truth_us = self.now_us - self.now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
             if self._truth is None or self._truth[0] is not true:
-                touching = sorted({" - ".join(pair) for pair in self.arm.collisions()})
-                self._truth = true, touching, quaternion(true.T_base_tool).tolist()
+                pairs = sorted({" - ".join(pair) for pair in self.arm.collisions()})
+                self._truth = true, pairs, quaternion(true.T_base_tool).tolist()
             self.contacts.update(self._truth[1])
             out.append(("KC_SIM_TRUTH", self._sim_truth(true, self._truth[2])))
         return out
