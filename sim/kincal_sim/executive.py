@@ -94,6 +94,7 @@ class Executive:
         self._proposal: Any = None
         self._awaited_seq: int | None = None  # command whose answer is awaited
         self._arm_received = self._pantilt_received = False
+        self.channels = set(CHANNELS)  # that it still needs
         self._n_poses, self._pose_us = -1, 0
         self._abort_cause = ""
         self._watch_us: int | None = None  # when the wait for an alarm began
@@ -121,9 +122,11 @@ class Executive:
 
     def _on_arm_state(self, _: kcm.arm_state_t) -> None:
         self._arm_received = True
+        self.channels.discard("KC_ARM_STATE")
 
     def _on_pantilt_state(self, _: kcm.pantilt_state_t) -> None:
         self._pantilt_received = True
+        self.channels.discard("KC_PANTILT_STATE")
 
     def _on_ack(self, m: kcm.ack_t) -> None:
         if m.source != kcm.cmd_t.SRC_EXECUTIVE or m.seq != self._awaited_seq:

@@ -47,6 +47,8 @@ class Inbox:
 
     def take(self, before_us: int) -> list[Received]:
         """What was stamped before this time, in the order of channel, stamp and sequence number."""
+        if not self._waiting:
+            return []
         due = [m for m in self._waiting if m[1].t_us < before_us]
         self._waiting = [m for m in self._waiting if m[1].t_us >= before_us]
         return sorted(due, key=lambda m: (m[0], m[1].t_us, getattr(m[1], "seq", 0)))

@@ -5,9 +5,12 @@ The simulator has its own, separate from the ground's, so that an error in one o
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+_UNMOVED = np.eye(4)
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -45,21 +48,23 @@ def quaternion(R: np.ndarray) -> np.ndarray:
 
     The largest component is found first (Shepperd's method), so half turns are exact too.
     """
-    R = np.asarray(R)[:3, :3]
-    d = np.diag(R)
-    four = np.array([1 + d.sum(), 1 + d[0] - d[1] - d[2], 1 - d[0] + d[1] - d[2], 1 - d[0] - d[1] + d[2]])
-    k = int(np.argmax(four))
-    q = np.empty(4)
-    q[k] = 0.5 * np.sqrt(four[k])
-    h = 0.25 / q[k]
-    skew = {1: R[2, 1] - R[1, 2], 2: R[0, 2] - R[2, 0], 3: R[1, 0] - R[0, 1]}
-    for i in {0, 1, 2, 3} - {k}:
-        if 0 in (i, k):
-            q[i] = h * skew[max(i, k)]
-        else:
-            q[i] = h * (R[k - 1, i - 1] + R[i - 1, k - 1])
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.asarray(R)[:3, :3].tolist()
+    four = (1 + (xx + yy + zz), 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz)
+    k = four.index(max(four))
+    largest = 0.5 * math.sqrt(four[k])
+    h = 0.25 / largest
+    wx, wy, wz = h * (zy - yz), h * (xz - zx), h * (yx - xy)
+    vxy, vxz, vyz = h * (yx + xy), h * (zx + xz), h * (zy + yz)
+    q = np.array(
+        (
+            (largest, wx, wy, wz),
+            (wx, largest, vxy, vxz),
+            (wy, vxy, largest, vyz),
+            (wz, vxz, vyz, largest),
+        )[k]
+    )
     q = -q if q[0] < 0 else q
-    return q / np.linalg.norm(q)
+    return q / math.sqrt(q @ q)
 
 
 def rotation_matrix(q_wxyz: ArrayLike) -> np.ndarray:
@@ -76,7 +81,7 @@ def rotation_matrix(q_wxyz: ArrayLike) -> np.ndarray:
 
 def transform(p_m: ArrayLike, R: np.ndarray) -> np.ndarray:
     """4x4 transform of a position and a 3x3 rotation."""
-    T = np.eye(4)
+    T = _UNMOVED.copy()
     T[:3, :3] = R
     T[:3, 3] = p_m
     return T

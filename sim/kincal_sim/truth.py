@@ -50,12 +50,25 @@ def _coupling(row: Coupling, n: int) -> Effect:
 
 
 def conditions(
-    scenario: Scenario, q_rad: np.ndarray, direction: np.ndarray | float = 0.0, t_s: float = 0.0
+    scenario: Scenario,
+    q_rad: np.ndarray,
+    direction: np.ndarray | float = 0.0,
+    t_s: float = 0.0,
+    pantilt_rad: tuple[float, float] = (0.0, 0.0),
 ) -> Conditions:
     """Conditions of an observation in the scenario's surroundings. q_rad: (n,) encoder readings;
-    direction: (n,) signs of the last motion; t_s: mission time."""
-    env = scenario.env
-    return Conditions(q_rad=q_rad, direction=direction, t_s=t_s, temp_c=env.temp_c, payload_kg=env.payload_kg)
+    direction: (n,) signs of the last motion; t_s: mission time; pantilt_rad: encoders of the pan-tilt
+    unit."""
+    (pan_rad, tilt_rad), env = pantilt_rad, scenario.env
+    return Conditions(
+        q_rad=q_rad,
+        direction=direction,
+        t_s=t_s,
+        temp_c=env.temp_c,
+        payload_kg=env.payload_kg,
+        pan_rad=pan_rad,
+        tilt_rad=tilt_rad,
+    )
 
 
 def true_coefficients(scenario: Scenario) -> dict[str, float]:

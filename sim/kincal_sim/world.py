@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 import kcm
 
 from .mechanics.motion import ArmController, PanTiltController
-from .mechanics.plant import AtRest
+from .mechanics.plant import AtRest, Conditions
 from .randomness import generator
 from .scenario import Scenario
 from .transforms import quaternion
@@ -26,7 +26,21 @@ ORDER = ("KC_ARM_CMD", "KC_PANTILT_CMD", "KC_FRAME_REQUEST")
 
 def _slots(values: np.ndarray) -> list[float]:
     """A joint vector as messages carry it, filled up with zeros."""
-    return np.asarray(values, float).tolist() + [0.0] * (JOINT_SLOTS - len(values))
+    return values.tolist() + [0.0] * (JOINT_SLOTS - len(values))
+
+
+class _Listed:
+    """A list of an array's values, made when it is another array than last time."""
+
+    def __init__(self, make: Callable[[np.ndarray], list] = _slots) -> None:
+        self._make, self._of = make, np.empty(0)
+        self._values: list = []
+
+    def of(self, array: np.ndarray) -> list:
+        """The list; messages share it."""
+        if array is not self._of:
+            self._of, self._values = array, self._make(array)
+        return self._values
 
 
 class World:
@@ -52,6 +66,14 @@ class World:
         self._requested_frames: list[int] = []
         self._seq = 0
         self._next_truth_us = 0
+        # The last answer of settle(), what was asked, where the arm stood then; and what follows from it.
+        self._true: AtRest | None = None
+        self._asked: tuple[Any, ...] = ()
+        self._stands = b""
+        self._truth: tuple[AtRest, list[str], list[float]] | None = None
+        self._q, self._dq, self._q_cmd = _Listed(), _Listed(), _Listed()
+        self._dir = _Listed(lambda d: d.tolist() + [0] * (JOINT_SLOTS - len(d)))
+        self._gravity = [float(g) for g in scenario.env.gravity_m_s2]
 
     def receive(self, channel: str, message: Any) -> None:
         """A command from flight; carried out when time next moves."""
@@ -74,6 +96,8 @@ class World:
 
     def execute_commands(self, t_us: int) -> None:
         """Pass the commands that were received to the controllers, at this time."""
+        if not self._commands:
+            return
         for channel, m in sorted(self._commands, key=lambda c: (ORDER.index(c[0]), c[1].seq)):
             if channel == "KC_ARM_CMD":
                 n = m.n_joints if 0 <= m.n_joints <= JOINT_SLOTS else 0
@@ -85,10 +109,24 @@ class World:
         self._commands = []
 
     def settle(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> AtRest:
-        """Put the MuJoCo arm where it truly is for these readings of arm (n,) and pan-tilt unit (2,)."""
-        t_s, pan, tilt = (self.now_us or 0) * 1e-6, float(pantilt_rad[0]), float(pantilt_rad[1])
-        at = conditions(self.scenario, q_read_rad, self.controller.trajectory.direction, t_s)
-        return self.plant.settle(replace(at, pan_rad=pan, tilt_rad=tilt))
+        """Put the MuJoCo arm where it truly is for these readings of arm (n,) and pan-tilt unit (2,). Where
+        it stands there already, since nothing has moved, the answer is the one of before: what is wrong with
+        the arm of a scenario does not depend on time."""
+        at = self._conditions(q_read_rad, pantilt_rad)
+        asked = (at.q_rad.tobytes(), np.asarray(at.direction).tobytes(), at.pan_rad, at.tilt_rad)
+        if self._true is None or asked != self._asked or self.arm.data.qpos.tobytes() != self._stands:
+            self._asked, self._true = asked, self.plant.settle(at)
+            self._stands = self.arm.data.qpos.tobytes()
+        return self._true
+
+    def stand(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> None:
+        """settle() for those who need no poses."""
+        self.plant.stand(self._conditions(q_read_rad, pantilt_rad))
+
+    def _conditions(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> Conditions:
+        direction, t_s = self.controller.trajectory.direction, (self.now_us or 0) * 1e-6
+        pan_rad, tilt_rad = pantilt_rad.tolist()
+        return conditions(self.scenario, q_read_rad, direction, t_s, (pan_rad, tilt_rad))
 
     def _observe(self, q: np.ndarray, pantilt: np.ndarray) -> list[tuple[str, Message]]:
         """Frames that were requested, and the truth once a second."""
@@ -100,8 +138,11 @@ class World:
         out = self._take_frames(self.now_us, true)
         if truth_due:
             self._next_truth_us = self.now_us - self.now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
-            self.contacts.update({" - ".join(pair) for pair in self.arm.collisions()})
-            out.append(("KC_SIM_TRUTH", self._sim_truth(true)))
+            if self._truth is None or self._truth[0] is not true:
+                pairs = sorted({" - ".join(pair) for pair in self.arm.collisions()})
+                self._truth = true, pairs, quaternion(true.T_base_tool).tolist()
+            self.contacts.update(self._truth[1])
+            out.append(("KC_SIM_TRUTH", self._sim_truth(true, self._truth[2])))
         return out
 
     def _take_frames(self, now_us: int, true: AtRest) -> list[tuple[str, Message]]:
@@ -119,22 +160,25 @@ class World:
         return np.round(q / step_rad) * step_rad if step_rad else q
 
     def _arm_state(self, q: np.ndarray, dq: np.ndarray, moving: bool) -> kcm.arm_state_t:
-        m, env, n = kcm.arm_state_t(), self.scenario.env, len(q)
-        m.t_us, m.seq, m.n_joints = self.now_us, self._seq, n
-        m.q_rad, m.dq_rad_s, m.q_cmd_rad = map(_slots, (self._readings(q), dq, self.controller.q_cmd))
-        m.dir = self.controller.trajectory.direction.tolist() + [0] * (JOINT_SLOTS - n)
+        m, env = kcm.arm_state_t.__new__(kcm.arm_state_t), self.scenario.env
+        m.t_us, m.seq, m.n_joints = self.now_us, self._seq, len(q)
+        m.q_rad, m.dq_rad_s = self._q.of(self._readings(q)), self._dq.of(dq)
+        m.q_cmd_rad, m.dir = (
+            self._q_cmd.of(self.controller.q_cmd),
+            self._dir.of(self.controller.trajectory.direction),
+        )
         m.moving, m.fault_mask = int(moving), self.controller.fault_mask
-        m.temp_c, m.payload_kg, m.g_m_s2 = env.temp_c, env.payload_kg, [float(g) for g in env.gravity_m_s2]
+        m.temp_c, m.payload_kg, m.g_m_s2 = env.temp_c, env.payload_kg, self._gravity
         return m
 
     def _pantilt_state(self, pantilt: np.ndarray, moving: bool) -> kcm.pantilt_state_t:
-        m = kcm.pantilt_state_t()
+        m = kcm.pantilt_state_t.__new__(kcm.pantilt_state_t)
         m.t_us, m.seq, m.moving = self.now_us, self._seq, int(moving)
         m.pan_rad, m.tilt_rad = pantilt.tolist()
         return m
 
-    def _sim_truth(self, true: AtRest) -> kcm.sim_truth_t:
+    def _sim_truth(self, true: AtRest, q_wxyz: list[float]) -> kcm.sim_truth_t:
         m, T = kcm.sim_truth_t(), true.T_base_tool
         m.t_us, m.n_joints, m.q_true_rad = self.now_us, len(true.q_rad), _slots(true.q_rad)
-        m.p_m, m.q_wxyz = T[:3, 3].tolist(), quaternion(T).tolist()
+        m.p_m, m.q_wxyz = T[:3, 3].tolist(), q_wxyz
         return m

@@ -81,6 +81,8 @@ def _bound(name: str, joint: int) -> float:
 class Operation:
     """Normal operation, then the calibration. Ends with the calibration."""
 
+    channels = ("KC_EVENT",)
+
     def __init__(self, send: Any, world: list[World], start: Any) -> None:
         self._send, self._world, self._start = send, world, start
         self._steps = self._plan()

@@ -78,6 +78,7 @@ class Patient:
 
     def __init__(self, executive: Executive):
         self.executive, self.over = executive, False
+        self.channels = executive.channels
 
     def tick(self, now_us: int, messages: list[Message], /) -> bool:
         """See Commander."""

@@ -193,11 +193,11 @@ class CheckedWorld(World):
         if at == self._checked:
             return
         self._checked = at
-        self.settle(q, pan_tilt)
+        self.stand(q, pan_tilt)
         model, data = self.arm.model, self.arm.data
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
-        for c in data.contact[: data.ncon]:
+        for c in data.contact[: data.ncon] if data.ncon else ():  # seldom; the list is slow even if empty
             pair = " - ".join(sorted((model.geom(c.geom1).name, model.geom(c.geom2).name)))
             new = {"t_s": round(t_s, 1), "n": 0, "deep_m": 0.0, "q": np.round(q, 4).tolist(), **self.note()}
             contact = self.found.setdefault(pair, new)

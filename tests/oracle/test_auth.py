@@ -88,6 +88,6 @@ def test_sender_and_flight_sign_the_same_bytes(make, sign, fill, signed, struct_
         getattr(keys.Signer(KEY, lambda _source, n=counter: n), sign)(m)
         m = type(m).decode(m.encode())  # as it arrives
         s, head = ffi.new(f"{struct_name} *"), ffi.new("uint8_t[104]")
-        fill(s, m)
+        fill(wire.place(s), m)
         text = ffi.new("kc_auth_text_t *", getattr(lib, signed)(s, head))
         assert mac_of_core(text) == struct.pack("<2q", *m.mac) == bytes(s.auth.mac)

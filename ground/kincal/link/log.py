@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 SKIP = frozenset({"KC_IMAGE"})  # large and of no use to a summary
 TIMED = {"KC_HK", "KC_EVENT", "KC_PROGRESS"}  # say how long the mission lasted
+STATES = {"KC_ARM_STATE", "KC_PANTILT_STATE"}  # most messages; only counted
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,8 @@ class LogSummary:
     def add(self, channel: str, message: LcmMessage) -> None:
         """Add one decoded message."""
         m: Any = message
+        if channel in STATES:
+            return
         if channel in TIMED:
             self.t_first_us = m.t_us if self.t_first_us is None else self.t_first_us
             self.t_last_us = m.t_us

@@ -15,12 +15,12 @@ kincal[sim].
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import lcm
 
@@ -35,7 +35,7 @@ from .wire import Message
 
 installation.simulator()
 message_type("time_t")  # CommandFailed if the message types, which the simulator needs too, are not built
-from kincal_sim.executive import CHANNELS, Executive, accepted_by  # noqa: E402
+from kincal_sim.executive import Executive, accepted_by  # noqa: E402
 from kincal_sim.lockstep import Inbox  # noqa: E402
 from kincal_sim.scenario import Scenario, load  # noqa: E402
 from kincal_sim.server import COMMANDS, PATIENCE_S, TICK_US  # noqa: E402
@@ -52,6 +52,10 @@ TABLES = installation.root() / "tables" / "bin"
 class Commander(Protocol):
     """Who commands flight: the simulator's executive, or a script."""
 
+    @property
+    def channels(self) -> Collection[str]:
+        """Those whose messages it needs from now on."""
+
     def tick(self, now_us: int, messages: list[Message], /) -> bool:
         """Once a tick, after flight, with the messages of earlier ticks; False when everything is over."""
 
@@ -63,6 +67,8 @@ MakeCommander: TypeAlias = Callable[[Callable[["Cmd"], None]], Commander]
 class Script:
     """Commands at fixed ticks and nothing else; flight has each in the tick after it."""
 
+    channels: Collection[str] = ()
+
     def __init__(self, send: Callable[[Cmd], None], commands: Iterable[tuple[int, Cmd]]) -> None:
         self._send, self._commands = send, tuple(commands)
         self._tick = 0
@@ -70,9 +76,11 @@ class Script:
     def tick(self, now_us: int, _messages: list[Message], /) -> bool:
         """Send what is written for this tick, stamped now."""
         self._tick += 1
-        for command in (copy(c) for tick, c in self._commands if tick == self._tick):
-            command.t_us = now_us
-            self._send(command)
+        for tick, written in self._commands:
+            if tick == self._tick:
+                command = copy(written)
+                command.t_us = now_us
+                self._send(command)
         return True
 
 
@@ -123,8 +131,7 @@ class Hooks:
 # ---- a run
 
 
-@dataclass(frozen=True)
-class Tick:
+class Tick(NamedTuple):
     """One tick. number: from 1; now_us: mission time; state: flight's after it, KC_ST_...; to_flight,
     from_flight: channel and message of what flight was sent and what arrived of its answers."""
 
@@ -288,7 +295,7 @@ class Simulation:
             self._flight.receive(channel, message)
             self._record(channel, message)
         for channel, message in sensors:
-            if channel in CHANNELS:
+            if channel in self._commander.channels:
                 self._inbox.put(channel, message)
         return to_flight
 
@@ -306,7 +313,7 @@ class Simulation:
             self._record(channel, message)
             if channel in COMMANDS:
                 self.world.receive(channel, message)
-            if channel in CHANNELS:
+            if channel in self._commander.channels:
                 self._inbox.put(channel, message)
 
     def _record(self, channel: str, message: Any) -> None:

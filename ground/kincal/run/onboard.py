@@ -38,17 +38,22 @@ class _Waiting:
     def __init__(self) -> None:
         self._waiting: dict[str, list[Any]] = {}
 
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
     def add(self, name: str, message: Any) -> None:
         """A message for the member `name` of kc_in_t."""
         self._waiting.setdefault(name, []).append(message)
 
     def take(self, now_us: int) -> Iterator[tuple[str, list[Any]]]:
         """What is due, by member, as much as one step takes; the rest waits for the next."""
-        for name in [name for name, waiting in self._waiting.items() if waiting]:
-            due, later = _split(self._waiting[name], now_us)
+        waiting, self._waiting = self._waiting, {}
+        for name, messages in waiting.items():
+            due, later = _split(messages, now_us)
             due = _ORDER.get(name, _by_number)(due)
             room = len(getattr(_ROOM, name))
-            self._waiting[name] = later + due[room:]
+            if later or due[room:]:
+                self._waiting[name] = later + due[room:]
             yield name, due[:room]
 
 
@@ -108,6 +113,8 @@ class FlightSoftware:
         self.store, self.keep = store, keep
         self._app = cast("KcApp", _FLIGHT.ffi.addressof(cast(Any, _FLIGHT.lib), "kc_app_instance"))
         self._in, self._out = _FLIGHT.new("kc_in_t"), _FLIGHT.new("kc_out_t")
+        self._inputs, self._outputs = wire.place(self._in), wire.place(self._out)
+        self._newest_of = {name: self._inputs.member(name) for name in ("arm", "pantilt")}
         self._waiting = _Waiting()
         self._event_seq = 0
         FlightSoftware._newest = self
@@ -132,18 +139,22 @@ class FlightSoftware:
         if name in _QUEUED:
             self._waiting.add(name, message)
         elif name:
-            wire.fill(name, getattr(self._in, name), message)
+            wire.fill(name, self._newest_of[name], message)
             setattr(self._in, f"has_{name}", 1)
 
     def step(self, now_us: int) -> list[Message]:
         """One tick at a mission time; what flight publishes, after all of it is stored."""
         if FlightSoftware._newest is not self:
             raise KincalError("another flight was started in this process", todo="run one after the other")
-        self._take_due(now_us)
+        if self._waiting:
+            self._take_due(now_us)
         _LIB.kc_app_step(self._app, now_us, self._in, self._out)
-        wire.clear(self._in)
-        self._store_all()
-        published = list(wire.messages(self._out, now_us, self._event_seq))
+        wire.clear(self._inputs)
+        if not any(wire.counts(self._outputs)):
+            return []
+        if self._out.n_store:
+            self._store_all()
+        published = list(wire.messages(self._outputs, now_us, self._event_seq))
         self._event_seq += self._out.events.n
         return published
 
@@ -151,7 +162,7 @@ class FlightSoftware:
         """What waits and is due, into the input of the core."""
         for name, due in self._waiting.take(now_us):
             for k, m in enumerate(due):
-                wire.fill(name, getattr(self._in, name)[k], m)
+                wire.fill(name, self._inputs.member(name).entry(k), m)
             setattr(self._in, f"n_{name}", len(due))
 
     def _store_all(self) -> None:

@@ -7,30 +7,18 @@ two: every message of a run, byte for byte.
 from __future__ import annotations
 
 import struct as packing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
 from kincal.flight import library
 from kincal.link import unpack_covariance
-from kincal.link.channels import BY_NAME, message_type, signed32
+from kincal.link.channels import BY_NAME, message_type
 
 if TYPE_CHECKING:
-    from kincal.flight.headers import (
-        KcArmCmd,
-        KcArmState,
-        KcAuth,
-        KcCmd,
-        KcDetection,
-        KcIn,
-        KcMeas,
-        KcOut,
-        KcPantiltState,
-        KcProposal,
-        KcTableChunk,
-    )
     from kincal.link.messages import ArmState, Cmd, Detection, LcmMessage, PantiltState, TableChunk
 
 Message: TypeAlias = "tuple[str, Any]"
@@ -38,10 +26,24 @@ Message: TypeAlias = "tuple[str, Any]"
 
 _FLIGHT = library("flight")
 _NOTHING = bytes(_FLIGHT.ffi.sizeof("kc_in_t"))
-_MASK = {"uint64_t": (1 << 64) - 1, "uint32_t": (1 << 32) - 1}  # LCM has no unsigned types
-_OTHERWISE = ("cov", "data", "moving", "fault_mask", "mac")
-_OUTPUTS = [  # flag and member of kc_out_t, channel
-    (has, has[4:], f"KC_{has[4:].upper()}")
+_CODES = {  # as messages carry them: LCM has no unsigned types
+    "double": "d",
+    "int32_t": "i",
+    "uint32_t": "i",
+    "int64_t": "q",
+    "uint64_t": "q",
+    "uint8_t": "B",
+    "uint16_t": "H",
+    "_Bool": "B",
+}
+_NAMES = {
+    "q": "q_rad",
+    "dq": "dq_rad_s",
+    "q_cmd": "q_cmd_rad",
+    "total": "total_bytes",
+}  # fields to flight, in messages
+_OUTPUTS = [  # member of kc_out_t, channel
+    (has[4:], f"KC_{has[4:].upper()}")
     for has, _ in _FLIGHT.ffi.typeof("kc_out_t").fields or ()
     if has.startswith("has_")
 ]
@@ -53,71 +55,139 @@ _INPUTS = {
 _UPPER = np.triu_indices(6)
 
 
-# ---- in
+class Place(NamedTuple):
+    """A struct, or an array of them, in memory."""
+
+    ctype: Any
+    memory: Any
+    offset: int = 0
+
+    def member(self, name: str) -> Place:
+        """A member of the struct."""
+        field = _members(self.ctype)[name]
+        return Place(field.type, self.memory, self.offset + field.offset)
+
+    def entry(self, k: int) -> Place:
+        """A struct of the array."""
+        item = self.ctype.item
+        return Place(item, self.memory, self.offset + k * _FLIGHT.ffi.sizeof(item))
 
 
-def _unsigned32(value: int) -> int:
-    """LCM has no unsigned types: negative ones become too large."""
-    return value & 0xFFFFFFFF
-
-
-def _alike(struct: Any, message: Any) -> None:
-    """What both name alike and hold in the same way, as KC_..._FIELDS of the core."""
-    kind: Any = type(message)
-    signed, unsigned = _shared(_FLIGHT.ffi.typeof(struct), kind)
-    for name in signed:
-        setattr(struct, name, getattr(message, name))
-    for name, mask in unsigned:
-        setattr(struct, name, getattr(message, name) & mask)
+def place(pointer: object) -> Place:
+    """Where a pointer to a struct points; valid as long as the struct lives."""
+    return Place(_FLIGHT.ffi.typeof(cast(Any, pointer)).item, _FLIGHT.ffi.buffer(cast(Any, pointer)))
 
 
 @cache
-def _shared(ctype: Any, kind: Any) -> tuple[tuple[str, ...], tuple[tuple[str, int], ...]]:
-    """Fields that a struct and a message have in common: those that are copied, and those without a sign,
-    with their masks."""
-    fields = (ctype.item if ctype.kind == "pointer" else ctype).fields or ()
-    alike = [(n, f.type.cname) for n, f in fields if n in kind.__slots__ and n not in _OTHERWISE]
-    return (
-        tuple(name for name, cname in alike if cname not in _MASK),
-        tuple((name, _MASK[cname]) for name, cname in alike if cname in _MASK),
-    )
+def _members(ctype: Any) -> dict[str, Any]:
+    return dict(ctype.fields)
 
 
-def _fill_auth(auth: KcAuth, m: Cmd | TableChunk) -> None:
-    _alike(auth, m)
-    auth.mac = list(packing.pack("<2q", *m.mac))
+class _Layout:
+    """Some fields of a struct, read or written at once.
+
+    fields: name, and whether it is an array; at: where its values are among all of them."""
+
+    def __init__(self, ctype: Any, wanted: Callable[[str], bool] = lambda _name: True) -> None:
+        self.fields: list[tuple[str, bool]] = []
+        self.at: dict[str, int | slice] = {}
+        form, end, count = "=", 0, 0
+        for name, field in ctype.fields:
+            n = field.type.length if field.type.kind == "array" else 1
+            code = _CODES.get((field.type.item if field.type.kind == "array" else field.type).cname)
+            if code is None or not wanted(name):
+                continue
+            form += f"{field.offset - end}x{n}{code}"
+            end = field.offset + _FLIGHT.ffi.sizeof(field.type)
+            array = field.type.kind == "array"
+            self.fields.append((name, array))
+            self.at[name] = slice(count, count + n) if array else count
+            count += n
+        self._packing = packing.Struct(form)
+
+    def read(self, struct: Place, beyond: int = 0) -> tuple[Any, ...]:
+        """All values, those without a sign as messages have them, with one. beyond: bytes after the place."""
+        return self._packing.unpack_from(struct.memory, struct.offset + beyond)
+
+    def write(self, struct: Place, values: Iterable[Any]) -> None:
+        """All values; what lies between them becomes zero."""
+        self._packing.pack_into(struct.memory, struct.offset, *values)
 
 
-def fill_cmd(s: KcCmd, m: Cmd) -> None:
+_whole = cache(_Layout)
+
+
+def _read(struct: Place, *names: str) -> dict[str, Any]:
+    """Fields of a struct as messages carry them."""
+    layout = _whole(struct.ctype)
+    values = layout.read(struct)
+    return {name: _listed(values[layout.at[name]]) for name in names}
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if type(value) is tuple else value
+
+
+# ---- in
+
+
+def _write(struct: Place, message: Any, /, **given: Any) -> None:
+    """A message; fields that are not given are those of the message with the same names. given: the last
+    ones of the struct."""
+    kind: Any = type(message)
+    layout, read = _shared(struct.ctype, kind, tuple(given))
+    values: list[Any] = []
+    for (_, array), value in zip(layout.fields, (*read(message), *given.values()), strict=True):
+        if array:
+            values += value
+        else:
+            values.append(value)
+    layout.write(struct, values)
+
+
+@cache
+def _shared(ctype: Any, kind: Any, given: tuple[str, ...]) -> tuple[_Layout, Callable[[Any], Any]]:
+    """Fields that a struct and a message have in common, and what reads those that are not given."""
+    layout = _Layout(ctype, lambda name: _NAMES.get(name, name) in kind.__slots__)
+    names = [name for name, _ in layout.fields]
+    read = names[: len(names) - len(given)]
+    assert names == [*read, *given]
+    return layout, attrgetter(*(_NAMES.get(name, name) for name in read))
+
+
+def _write_auth(struct: Place, m: Cmd | TableChunk) -> None:
+    _write(struct.member("auth"), m, mac=packing.pack("<2q", *m.mac))
+
+
+def fill_cmd(struct: Place, m: Cmd) -> None:
     """KC_CMD."""
-    _alike(s, m)
-    _fill_auth(s.auth, m)
+    _write(struct, m)
+    _write_auth(struct, m)
 
 
-def fill_chunk(s: KcTableChunk, m: TableChunk) -> None:
+def fill_chunk(struct: Place, m: TableChunk) -> None:
     """KC_TABLE_UP."""
-    _alike(s, m)
-    s.data[0 : len(m.data)], s.total = bytes(m.data), _unsigned32(m.total_bytes)
-    _fill_auth(s.auth, m)
+    _write(struct, m)
+    _write_auth(struct, m)
 
 
-def fill_arm(s: KcArmState, m: ArmState) -> None:
+_FAULTS = _Layout(_FLIGHT.ffi.typeof("kc_arm_state_t"), lambda name: name == "fault_mask")
+
+
+def fill_arm(struct: Place, m: ArmState) -> None:
     """KC_ARM_STATE: the newest of a step counts, but no fault of it is lost."""
-    _alike(s, m)
-    s.q, s.dq, s.q_cmd = m.q_rad, m.dq_rad_s, m.q_cmd_rad
-    s.moving, s.fault_mask = int(m.moving != 0), s.fault_mask | m.fault_mask
+    (faults,) = _FAULTS.read(struct)
+    _write(struct, m, moving=int(m.moving != 0), fault_mask=faults | m.fault_mask)
 
 
-def fill_pantilt(s: KcPantiltState, m: PantiltState) -> None:
+def fill_pantilt(struct: Place, m: PantiltState) -> None:
     """KC_PANTILT_STATE."""
-    _alike(s, m)
-    s.moving = int(m.moving != 0)
+    _write(struct, m, moving=int(m.moving != 0))
 
 
-def fill_detection(s: KcDetection, m: Detection) -> None:
+def fill_detection(struct: Place, m: Detection) -> None:
     """KC_DETECTION."""
-    _alike(s, m)
-    s.cov = unpack_covariance(m.cov, 6).ravel().tolist()
+    _write(struct, m, cov=unpack_covariance(m.cov, 6).ravel().tolist())
 
 
 # Channel -> member of kc_in_t, if it is not the channel's name, and what fills it, if not _alike.
@@ -128,7 +198,7 @@ _MEMBERS = {
     "ARM_STATE": "arm",
     "PANTILT_STATE": "pantilt",
 }
-_FILL: dict[str, Callable[[Any, Any], None]] = {
+_FILL: dict[str, Callable[[Place, Any], None]] = {
     "cmd": fill_cmd,
     "chunk": fill_chunk,
     "det": fill_detection,
@@ -145,45 +215,54 @@ def member(channel: str) -> str:
     return name if name in _INPUTS else ""
 
 
-def fill(name: str, struct: object, message: object) -> None:
+def fill(name: str, struct: Place, message: object) -> None:
     """A message into its struct of kc_in_t; name: of the member."""
-    _FILL.get(name, _alike)(struct, message)
+    _FILL[name](struct, message)
 
 
-def clear(inputs: KcIn) -> None:
+def clear(inputs: Place) -> None:
     """Nothing received."""
-    _FLIGHT.ffi.memmove(cast(Any, inputs), _NOTHING, len(_NOTHING))
+    inputs.memory[:] = _NOTHING
 
 
 # ---- out
 
 
-def messages(out: KcOut, t_us: int, event_seq: int) -> Iterator[Message]:
+_COUNTS = _Layout(_FLIGHT.ffi.typeof("kc_out_t"), lambda name: name.startswith(("n_", "has_")))
+_EVENTS = _Layout(_FLIGHT.ffi.typeof("kc_events_t"), lambda name: name == "n")
+_EVENTS_AT = _members(_FLIGHT.ffi.typeof("kc_out_t"))["events"].offset
+
+
+def counts(out: Place) -> tuple[int, ...]:
+    """How much a step gave: answers, store requests, outputs of KC_OUT_LIST, events."""
+    return _COUNTS.read(out) + _EVENTS.read(out, _EVENTS_AT)
+
+
+def messages(out: Place, t_us: int, event_seq: int) -> Iterator[Message]:
     """What flight publishes after a step, in its order. t_us: mission time of the step; event_seq: number of
     the last event before it."""
-    for ack in out.ack[0 : out.n_ack]:
-        yield "KC_ACK", _message("ack_t", ack, t_us=t_us)
-    for k, event in enumerate(out.events.e[0 : out.events.n], 1):
-        yield "KC_EVENT", _message("event_t", event, t_us=t_us, seq=event_seq + k)
-    for has, name, channel in _OUTPUTS:
-        if getattr(out, has):
-            struct, make = getattr(out, name), _MAKE.get(name)
+    n_ack, _, *has, n_event = counts(out)
+    acks, events = out.member("ack"), out.member("events").member("e")
+    for k in range(n_ack):
+        yield "KC_ACK", _message("ack_t", acks.entry(k), t_us=t_us)
+    for k in range(n_event):
+        yield "KC_EVENT", _message("event_t", events.entry(k), t_us=t_us, seq=event_seq + k + 1)
+    for (name, channel), there in zip(_OUTPUTS, has, strict=True):
+        if there:
+            struct, make = out.member(name), _MAKE.get(name)
             message = make(struct, t_us) if make else _message(BY_NAME[channel].type, struct, t_us=t_us)
             yield channel, message
 
 
-def _message(type_name: str, source: Any, /, **given: object) -> LcmMessage:
+def _message(type_name: str, struct: Place, /, **given: object) -> LcmMessage:
     """A message; fields that are not given are those of the struct with the same names."""
     kind = _type(type_name)
-    message: LcmMessage = kind()
-    long = _long(_FLIGHT.ffi.typeof(source))
-    for name in kind.__slots__:
-        if name in given:
-            value = given[name]
-        else:
-            value = getattr(source, name)
-            if type(value) is not float:  # most fields
-                value = _plain(value, _signed64 if name in long else signed32)
+    message: LcmMessage = kind.__new__(kind)
+    layout = _found(struct.ctype, kind)
+    values = layout.read(struct)
+    for name, at in layout.at.items():
+        setattr(message, name, _listed(values[at]))
+    for name, value in given.items():
         setattr(message, name, value)
     return message
 
@@ -192,90 +271,62 @@ _type = cache(message_type)
 
 
 @cache
-def _long(ctype: Any) -> frozenset[str]:
-    """Fields of a struct with 64 bits."""
-    fields = (ctype.item if ctype.kind == "pointer" else ctype).fields
-    return frozenset(
-        name for name, field in fields or () if field.type.cname.startswith(("uint64_t", "int64_t"))
-    )
-
-
-def _plain(value: Any, sign: Callable[[int], int] = signed32) -> Any:
-    """A field of a struct as messages carry it: lists, and whole numbers with a sign."""
-    if isinstance(value, (int, float)):
-        return sign(value) if isinstance(value, int) else value
-    values = list(value)
-    return values if type(values[0]) is float else [_plain(x, sign) for x in values]
+def _found(ctype: Any, kind: Any) -> _Layout:
+    """Fields of a struct that a message has too."""
+    return _Layout(ctype, lambda name: name in kind.__slots__)
 
 
 def _packed(cov: Any) -> list[float]:
     """Upper triangle of a covariance, row by row."""
-    upper: list[float] = np.array(list(cov)).reshape(6, 6)[_UPPER].tolist()
+    upper: list[float] = np.array(cov).reshape(6, 6)[_UPPER].tolist()
     return upper
 
 
-def _arm_cmd(s: KcArmCmd, t_us: int) -> LcmMessage:
-    return _message("arm_cmd_t", s, t_us=t_us, q_rad=list(s.q))
+def _arm_cmd(struct: Place, t_us: int) -> LcmMessage:
+    return _message("arm_cmd_t", struct, t_us=t_us, q_rad=_read(struct, "q")["q"])
 
 
-def _table_down(s: KcTableChunk, t_us: int) -> LcmMessage:
+def _table_down(struct: Place, t_us: int) -> LcmMessage:
     """Nobody's, and not signed."""
-    given = {"t_us": t_us, "total_bytes": signed32(s.total), "data": bytes(s.data)}
-    return _message("table_chunk_t", s, **given, key_id=0, counter=0, mac=[0, 0])
+    read = _read(struct, "total", "data")
+    given = {"t_us": t_us, "total_bytes": read["total"], "data": bytes(read["data"])}
+    return _message("table_chunk_t", struct, **given, key_id=0, counter=0, mac=[0, 0])
 
 
-def _meas(s: KcMeas, _t_us: int) -> LcmMessage:
-    crc = _plain(s.crc)
+def _meas(struct: Place, _t_us: int) -> LcmMessage:
     lib = _FLIGHT.lib
-    given = {name: _plain(getattr(s.arm, name)) for name in ("temp_c", "payload_kg", "g_m_s2")}
-    given |= {name: _plain(getattr(s.obs, name)) for name in ("p_m", "q_wxyz", "p_cam_m", "q_cam_wxyz")}
+    arm = _read(struct.member("arm"), "q", "q_cmd", "dq", "dir", "temp_c", "payload_kg", "g_m_s2")
+    crc = _read(struct, "crc")["crc"]
+    given = _read(struct.member("obs"), "p_m", "q_wxyz", "p_cam_m", "q_cam_wxyz", "cov")
+    given |= _read(
+        struct.member("det"),
+        *("p_cam_tool_m", "q_cam_tool_wxyz", "n_tags", "tag_id", "p_alt_m", "q_alt_wxyz"),
+        *("range_m", "incid_rad", "u_px", "v_px", "rms_px", "corner_px"),
+    )
     given |= {
-        name: _plain(getattr(s.det, name))
-        for name in (
-            *("p_cam_tool_m", "q_cam_tool_wxyz", "n_tags", "tag_id", "p_alt_m", "q_alt_wxyz"),
-            *("range_m", "incid_rad", "u_px", "v_px", "rms_px", "corner_px"),
-        )
+        "cov": _packed(given["cov"]),
+        "q_rad": arm.pop("q"),
+        "q_cmd_rad": arm.pop("q_cmd"),
+        "dq_rad_s": arm.pop("dq"),
+        "dir": [int(d) for d in arm.pop("dir")],
+        "crc_arm": crc[lib.KC_TBL_ARM],
+        "crc_camera": crc[lib.KC_TBL_CAMERA],
+        "crc_terms": crc[lib.KC_TBL_TERMS],
+        "crc_kin": crc[lib.KC_TBL_KIN],
     }
-    return _message(
-        "meas_t",
-        s,
-        **given,
-        t_us=s.t_us,
-        q_rad=list(s.arm.q),
-        q_cmd_rad=list(s.arm.q_cmd),
-        dq_rad_s=list(s.arm.dq),
-        dir=[int(d) for d in s.arm.dir],
-        cov=_packed(s.obs.cov),
-        crc_arm=crc[lib.KC_TBL_ARM],
-        crc_camera=crc[lib.KC_TBL_CAMERA],
-        crc_terms=crc[lib.KC_TBL_TERMS],
-        crc_kin=crc[lib.KC_TBL_KIN],
-    )
+    return _message("meas_t", struct, **given, **arm)
 
 
-def _proposal(s: KcProposal, t_us: int) -> LcmMessage:
-    kin = s.kin
-    return _message(
-        "proposal_t",
-        s,
-        t_us=t_us,
-        n_coef=kin.n_coef,
-        value=list(kin.value),
-        sigma=list(kin.sigma),
-        confounded=[_signed64(x) for x in s.confounded],
-        crc_arm=signed32(kin.arm_crc),
-        crc_terms=signed32(kin.terms_crc),
-    )
+def _proposal(struct: Place, t_us: int) -> LcmMessage:
+    kin = _read(struct.member("kin"), "n_coef", "value", "sigma", "arm_crc", "terms_crc")
+    kin |= {"crc_arm": kin.pop("arm_crc"), "crc_terms": kin.pop("terms_crc")}
+    return _message("proposal_t", struct, t_us=t_us, **kin)
 
 
 # Members of kc_out_t that are not sent as _message does.
-_MAKE: dict[str, Callable[[Any, int], LcmMessage]] = {
+_MAKE: dict[str, Callable[[Place, int], LcmMessage]] = {
     "arm_cmd": _arm_cmd,
     "meas": _meas,
     "proposal": _proposal,
     "table_down": _table_down,
 }
-
-
-def _signed64(value: int) -> int:
-    return value - (1 << 64) if value >= 1 << 63 else value

@@ -67,10 +67,8 @@ class Vibration:
             return None
         tau = self.duration_s / SETTLE_TIME_CONSTANTS
         omega = 2 * np.pi * self.frequency_hz
-        decay = np.exp(-dt_s / tau)
-        displacement = amplitude_rad * decay * np.sin(omega * dt_s)
-        speed = amplitude_rad * decay * (omega * np.cos(omega * dt_s) - np.sin(omega * dt_s) / tau)
-        return displacement, speed
+        decayed, sine = amplitude_rad * np.exp(-dt_s / tau), np.sin(omega * dt_s)
+        return decayed * sine, decayed * (omega * np.cos(omega * dt_s) - sine / tau)
 
 
 class TrajectoryGenerator:
@@ -92,11 +90,13 @@ class TrajectoryGenerator:
         self._goal: np.ndarray | None = None  # waits until braking is done
         self._goal_scale = 1.0
         self._amplitude = np.zeros_like(self._start)
+        self._no_speed = np.zeros_like(self._start)
+        self._at_rest = False  # and nothing commanded since
 
     def command(self, t: float, goal: ArrayLike, scale: float) -> None:
         """Go to `goal` with `scale` (0..1] of the speed limits, from wherever the axes are at time t."""
         self._brake(t)
-        self._goal, self._goal_scale = np.array(goal, float), scale
+        self._goal, self._goal_scale, self._at_rest = np.array(goal, float), scale, False
         self._advance(t)
 
     def hold(self, t: float) -> None:
@@ -105,14 +105,18 @@ class TrajectoryGenerator:
         self._goal = None
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Positions, speeds, and whether anything moves or vibrates."""
+        """Positions, speeds, and whether anything moves or vibrates. At rest the arrays are the same ones
+        each time; nobody changes them in place."""
+        if self._at_rest:  # most of the time
+            return self._start, self._no_speed, False
         self._advance(t)
         if self._profile is not None:
             s, v = self._profile.at(t - self._t_start)
             return self._start + s * self._unit, v * self._unit, True
         vibrating = self.vibration.at(t - self._t_rest, self._amplitude)
-        if vibrating is None:  # most of the time
-            return self._start.copy(), np.zeros_like(self._start), False
+        if vibrating is None:
+            self._at_rest = True
+            return self._start, self._no_speed, False
         return self._start + vibrating[0], vibrating[1], True
 
     def _brake(self, t: float) -> None:

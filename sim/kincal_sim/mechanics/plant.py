@@ -231,12 +231,17 @@ class Plant:
         effects: instead of the plant's own. Raises NoEquilibrium when the iteration does not converge.
         """
         effects = self.effects if effects is None else effects
-        variant = self._variants[float(at.payload_kg)]
-        q_rad = _find_equilibrium(variant, self.encoders.joints_rad(at.q_rad), at, effects)
-        T_base_cam = variant.arm.T_base_cam
+        q_rad, arm = self.stand(at, effects), self.arm(at.payload_kg)
+        T_base_cam = arm.T_base_cam
         for effect in effects:
             T_base_cam = T_base_cam @ effect.camera_offset(at)
-        return AtRest(q_rad, variant.arm.T_base_tool, T_base_cam)
+        return AtRest(q_rad, arm.T_base_tool, T_base_cam)
+
+    def stand(self, at: Conditions, effects: Sequence[Effect] | None = None) -> np.ndarray:
+        """settle() without poses: the true joints (n,) [rad]."""
+        effects = self.effects if effects is None else effects
+        variant = self._variants[float(at.payload_kg)]
+        return _find_equilibrium(variant, self.encoders.joints_rad(at.q_rad), at, effects)
 
 
 def _find_equilibrium(

@@ -8,6 +8,7 @@ here does. With noise "isotropic" the true pose gets a fixed noise instead, anew
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -26,8 +27,9 @@ MAX_TAGS = 4
 # Corners that moved less than this [px] since the frame before: the scene rests.
 _REST_PX = 0.02
 # Points of a tag, in units of its printed half edge (white border included), that must all be in sight.
-_RING = np.array([[x, y] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
+_RING = np.array([[x, y, 0.0] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 _PRINT = CELLS / BLACK_CELLS
+_UPPER = np.triu_indices(6)
 PoseAndCovariance = tuple[pnp.Pose, np.ndarray]
 
 
@@ -61,11 +63,11 @@ def _facing_tags(cfg: Config, T_cam_tool: np.ndarray) -> Iterator[Visible]:
         T = T_cam_tool @ tag.T_tool_tag
         if T[2, 3] <= cfg.optics["near_m"]:
             continue
-        cosine = float(T[:3, 2] @ T[:3, 3]) / float(np.linalg.norm(T[:3, 3]))
-        incidence = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        corners = pnp.tool_corners(tag.T_tool_tag, tag.size_m)
+        cosine = float(T[:3, 2] @ T[:3, 3]) / _length(T[:3, 3])
+        incidence = float(np.arccos(min(max(cosine, -1.0), 1.0)))
+        corners = tag.tool_corners_m
         px = pnp.project(cfg.K, T_cam_tool[:3, :3], T_cam_tool[:3, 3], corners)
-        edge_px = np.linalg.norm(px - np.roll(px, 1, axis=0), axis=1).min()
+        edge_px = math.sqrt(((px - px[[3, 0, 1, 2]]) ** 2).sum(1).min())
         facing = incidence <= np.radians(cfg.detection["max_incidence_deg"])
         if facing and edge_px >= cfg.detection["min_edge_px"]:
             yield Visible(tag, px, incidence)
@@ -73,7 +75,9 @@ def _facing_tags(cfg: Config, T_cam_tool: np.ndarray) -> Iterator[Visible]:
 
 def _in_image(cfg: Config, px: np.ndarray) -> bool:
     m = cfg.detection["margin_px"]
-    return bool(np.all(px >= m) and np.all(px <= np.array([cfg.width_px, cfg.height_px]) - 1.0 - m))
+    x, y = px[:, 0], px[:, 1]
+    inside = px.min() >= m and x.max() <= cfg.width_px - 1.0 - m and y.max() <= cfg.height_px - 1.0 - m
+    return bool(inside)
 
 
 def _unobstructed(
@@ -86,15 +90,20 @@ def _unobstructed(
 ) -> bool:
     """True if nothing stands between the camera and the points of the tag."""
     lens, near_m = T_base_cam[:3, 3], cfg.optics["near_m"]
+    rays = (_RING * half_m * _PRINT) @ T_base_tag[:3, :3].T + T_base_tag[:3, 3] - lens
+    lengths = np.sqrt((rays**2).sum(1))
+    rays /= lengths[:, None]
+    clear_m = (lengths - near_m - OCCLUSION_MARGIN_M).tolist()
     hit = np.zeros(1, np.int32)
-    for x, y in _RING * half_m * _PRINT:
-        ray = T_base_tag[:3, :3] @ [x, y, 0.0] + T_base_tag[:3, 3] - lens
-        length = np.linalg.norm(ray)
-        ray /= length
-        d = mujoco.mj_ray(model, data, lens + near_m * ray, ray, None, 1, -1, hit)
-        if 0.0 <= d < length - near_m - OCCLUSION_MARGIN_M:
-            return False
-    return True
+    return not any(
+        0.0 <= mujoco.mj_ray(model, data, origin, ray, None, 1, -1, hit) < clear
+        for origin, ray, clear in zip(lens + near_m * rays, rays, clear_m, strict=True)
+    )
+
+
+def _length(v: np.ndarray) -> float:
+    """The same bits as numpy.linalg.norm."""
+    return math.sqrt(v @ v)
 
 
 def _no_detection() -> dict[str, Any]:
@@ -132,12 +141,12 @@ def _pose_fields(K: np.ndarray, pose: pnp.Pose, cov: np.ndarray) -> dict[str, An
     return {
         "p_cam_tool_m": pose.p_m.tolist(),
         "q_cam_tool_wxyz": quaternion(pose.R).tolist(),
-        "cov": cov[np.triu_indices(6)].tolist(),
+        "cov": cov[_UPPER].tolist(),
         "p_alt_m": pose.p_alt_m.tolist(),
         "q_alt_wxyz": quaternion(pose.R_alt).tolist(),
         "rms_px": float(pose.rms_px),
         "rms_alt_px": float(pose.rms_alt_px),
-        "range_m": float(np.linalg.norm(pose.p_m)),
+        "range_m": _length(pose.p_m),
         "u_px": float(u / w),
         "v_px": float(v / w),
     }
@@ -200,10 +209,10 @@ def _isotropic(cfg: Config, T_cam_tool: np.ndarray, rng: np.random.Generator) ->
 def _from_corners(cfg: Config, seen: list[Visible], corners: list[np.ndarray]) -> PoseAndCovariance | None:
     """The pose that the detector finds; None if there is none in front of the camera."""
     tags = [v.tag for v in seen]
-    pose = pnp.solve(cfg.K, [(t.T_tool_tag, t.size_m, px) for t, px in zip(tags, corners, strict=True)])
+    pose = pnp.solve(cfg.K, list(zip(tags, corners, strict=True)))
     if pose is None:
         return None
-    points = np.vstack([pnp.tool_corners(t.T_tool_tag, t.size_m) for t in tags])
+    points = np.vstack([t.tool_corners_m for t in tags])
     known_px, weight = cfg.detection["corner_sigma_px"], cfg.detection["corner_sigma_weight"]
     sigma = pnp.corner_sigma(pose.rms_px, len(points), known_px, weight)
     return pose, pnp.covariance(pnp.jacobian(cfg.K, pose.R, pose.p_m, points), sigma)

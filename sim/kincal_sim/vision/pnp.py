@@ -18,9 +18,7 @@ from . import tags
 
 REFINE_UNTIL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
 SAME_RAD = 0.01  # two refined candidates this close are the same minimum
-SeenTag = tuple[
-    np.ndarray, float, np.ndarray
-]  # T_tool_tag, edge of the black square [m], corners (4, 2) [px]
+SeenTag = tuple[tags.Tag, np.ndarray]  # and its corners (4, 2) [px]
 
 
 @dataclass(frozen=True)
@@ -49,26 +47,23 @@ def tool_corners(T_tool_tag: np.ndarray, size_m: float) -> np.ndarray:
 
 def project(K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(k, 2) pixels of tool-frame points."""
-    x = points @ R.T + p
-    return np.column_stack([K[0, 0] * x[:, 0] / x[:, 2] + K[0, 2], K[1, 1] * x[:, 1] / x[:, 2] + K[1, 2]])
+    x, y, z = (points @ R.T + p).T
+    px = np.empty((len(points), 2))
+    px[:, 0], px[:, 1] = K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]
+    return px
 
 
 def jacobian(K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(2k, 6) d pixels / d (position, rotation vector) in the camera frame, rotation error on the left."""
     r = points @ R.T
-    x = r + p
-    J = np.zeros((2 * len(points), 6))
-    for i, (ri, xi) in enumerate(zip(r, x, strict=True)):
-        D = np.array(
-            [
-                [K[0, 0] / xi[2], 0.0, -K[0, 0] * xi[0] / xi[2] ** 2],
-                [0.0, K[1, 1] / xi[2], -K[1, 1] * xi[1] / xi[2] ** 2],
-            ]
-        )
-        cross = np.array([[0, -ri[2], ri[1]], [ri[2], 0, -ri[0]], [-ri[1], ri[0], 0]])
-        J[2 * i : 2 * i + 2, :3] = D
-        J[2 * i : 2 * i + 2, 3:] = -D @ cross
-    return J
+    x, y, z = (r + p).T
+    squared = np.array([depth**2 for depth in z.tolist()])
+    D, cross = np.zeros((len(points), 2, 3)), np.zeros((len(points), 3, 3))
+    D[:, 0, 0], D[:, 0, 2] = K[0, 0] / z, -K[0, 0] * x / squared
+    D[:, 1, 1], D[:, 1, 2] = K[1, 1] / z, -K[1, 1] * y / squared
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -r[:, 2], r[:, 1], -r[:, 0]
+    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = r[:, 2], -r[:, 1], r[:, 0]
+    return np.concatenate([D, -D @ cross], axis=2).reshape(-1, 6)
 
 
 def corner_sigma(rms_px: float, n_corners: int, known_px: float, weight: float) -> float:
@@ -88,8 +83,8 @@ def solve(K: np.ndarray, seen: list[SeenTag]) -> Pose | None:
     Each tag gives two plane poses (IPPE); each is refined on all corners together. The best is the answer,
     the next one that differs from it is the alternative.
     """
-    points = np.vstack([tool_corners(T, size) for T, size, _ in seen])
-    pixels = np.vstack([px for _, _, px in seen])
+    points = np.vstack([tag.tool_corners_m for tag, _ in seen])
+    pixels = np.vstack([px for _, px in seen])
     starts = [start for tag in seen for start in _plane_poses(K, tag)]
     refined = [_refine(K, R, p, points, pixels) for R, p in starts]
     found = [c for c in refined if np.isfinite(c.rms_px) and np.all((points @ c.R.T + c.p)[:, 2] > 0.0)]
@@ -103,8 +98,9 @@ def solve(K: np.ndarray, seen: list[SeenTag]) -> Pose | None:
 
 def _plane_poses(K: np.ndarray, seen: SeenTag) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """The two plane poses of one tag, as poses (R, p) of the tool."""
-    T, size_m, px = seen
-    n, rvecs, tvecs, _ = cv2.solvePnPGeneric(tags.corners_m(size_m), px, K, None, flags=cv2.SOLVEPNP_IPPE)
+    tag, px = seen
+    T = tag.T_tool_tag
+    n, rvecs, tvecs, _ = cv2.solvePnPGeneric(tag.corners_m, px, K, None, flags=cv2.SOLVEPNP_IPPE)
     for rvec, tvec in list(zip(rvecs, tvecs, strict=True))[:n]:
         R = cv2.Rodrigues(rvec)[0] @ T[:3, :3].T
         yield R, tvec.ravel() - R @ T[:3, 3]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -25,6 +25,16 @@ class Tag:
     id: int
     size_m: float
     T_tool_tag: np.ndarray
+
+    @cached_property
+    def corners_m(self) -> np.ndarray:
+        """(4, 3) corners in the tag frame."""
+        return corners_m(self.size_m)
+
+    @cached_property
+    def tool_corners_m(self) -> np.ndarray:
+        """(4, 3) corners in the tool frame."""
+        return self.corners_m @ self.T_tool_tag[:3, :3].T + self.T_tool_tag[:3, 3]
 
 
 def corners_m(size_m: float) -> np.ndarray:
