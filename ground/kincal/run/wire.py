@@ -132,27 +132,30 @@ def _listed(value: Any) -> Any:
 
 
 def _write(struct: Place, message: Any, /, **given: Any) -> None:
-    """A message; fields that are not given are those of the message with the same names. given: the last
-    ones of the struct."""
+    """A message; fields that are not given are those of the message with the same names."""
     kind: Any = type(message)
-    layout, read = _shared(struct.ctype, kind, tuple(given))
+    layout, read, order = _shared(struct.ctype, kind, tuple(given))
+    have = (*read(message), *given.values())
     values: list[Any] = []
-    for (_, array), value in zip(layout.fields, (*read(message), *given.values()), strict=True):
+    for (_, array), k in zip(layout.fields, order, strict=True):
         if array:
-            values += value
+            values += have[k]
         else:
-            values.append(value)
+            values.append(have[k])
     layout.write(struct, values)
 
 
 @cache
-def _shared(ctype: Any, kind: Any, given: tuple[str, ...]) -> tuple[_Layout, Callable[[Any], Any]]:
-    """Fields that a struct and a message have in common, and what reads those that are not given."""
+def _shared(
+    ctype: Any, kind: Any, given: tuple[str, ...]
+) -> tuple[_Layout, Callable[[Any], Any], tuple[int, ...]]:
+    """Fields that a struct and a message have in common, what reads those that are not given, and where each
+    field is among what was read and given."""
     layout = _Layout(ctype, lambda name: _NAMES.get(name, name) in kind.__slots__)
     names = [name for name, _ in layout.fields]
-    read = names[: len(names) - len(given)]
-    assert names == [*read, *given]
-    return layout, attrgetter(*(_NAMES.get(name, name) for name in read))
+    read = [name for name in names if name not in given]
+    order = tuple([*read, *given].index(name) for name in names)
+    return layout, attrgetter(*(_NAMES.get(name, name) for name in read)), order
 
 
 def _write_auth(struct: Place, m: Cmd | TableChunk) -> None:
