@@ -44,6 +44,11 @@ uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, bool want_J
 void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                     kc_loads_t *loads);
 
+/* The same where a term depends on them whose coefficient is enabled or not 0. Else they are zero, and cost nothing: no
+ * pose depends on them, only J of what is not estimated. */
+void kc_model_needed_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
+                           const kc_ctx_t *ctx, kc_loads_t *loads);
+
 /* Corrected pose, joint Jacobian and coefficient Jacobian at fixed loads (the derivative
  * through the loads is second order and left out; Gauss-Newton re-evaluates them).
  * coef: n_coef values (NULL: all zero). want_J = 0 skips twist and J. O(n + n_term). */
@@ -64,5 +69,8 @@ void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double 
  * of the model). Returns rows. */
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_obs_t *obs, const kc_loads_t *loads, double r[6], kc_eval_t *ev);
+/* The same without J and twist. */
+uint32_t kc_model_miss(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_obs_t *obs,
+                       const kc_loads_t *loads, double r[6], kc_eval_t *ev);
 
 #endif

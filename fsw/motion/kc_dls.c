@@ -120,7 +120,7 @@ void kc_dls_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coe
     memset(&ctx, 0, sizeof ctx);
     memcpy(ctx.q, q, arm->n_joints * sizeof *q);
     memcpy(ctx.g_m_s2, arm->gravity_m_s2, sizeof ctx.g_m_s2);
-    kc_model_loads(arm, terms, coef, &ctx, &loads);
+    kc_model_needed_loads(arm, terms, coef, &ctx, &loads);
     kc_model_eval(arm, terms, coef, &ctx, &loads, false, work);
 }
 

@@ -323,7 +323,7 @@ static uint64_t near_at(const kc_guard_request_t *request, double part, kc_guard
     for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
         ctx.q[j] = request->q_from[j] + part * (request->q_to[j] - request->q_from[j]);
     }
-    kc_model_loads(request->arm, request->terms, request->coef, &ctx, &loads);
+    kc_model_needed_loads(request->arm, request->terms, request->coef, &ctx, &loads);
     kc_model_frames(request->arm, request->terms, request->coef, &ctx, &loads, g.frame, g.along_m,
                     g.across_m);
     find_axes(&g, axes);
