@@ -281,7 +281,7 @@ static uint64_t advance_cost(const kc_est_t *est)
 static uint64_t observation_cost(const kc_est_t *est)
 {
     const uint64_t n = est->n_free;
-    return kc_model_cost(est->arm, est->terms, true) + 5000u + 260u * n + 64u * n * n;
+    return kc_model_cost(est->arm, est->terms, est->start, true) + 5000u + 150u * n + 25u * n * n;
 }
 
 /* The pass over the observations; true when it is over. */

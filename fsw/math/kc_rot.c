@@ -33,7 +33,7 @@ void kc_pose_inv(const kc_pose_t *A, kc_pose_t *out)
     *out = C;
 }
 
-/* Columns u and v of R turn about the third; without an angle nothing turns. */
+/* Columns u and v of R turn about the third. */
 static void turn(double R[9], uint32_t u, uint32_t v, double angle_rad)
 {
     double s, c;
@@ -45,12 +45,16 @@ static void turn(double R[9], uint32_t u, uint32_t v, double angle_rad)
     }
 }
 
+static bool is_zero(double x) { return x >= 0.0 && x <= 0.0; } /* NaN is not */
+
 void kc_pose_screw(kc_pose_t *T, uint32_t axis, double shift_m, double angle_rad)
 {
     static const uint8_t after[3] = {1u, 2u, 0u};
     const uint32_t u = after[axis], v = after[u];
-    for (uint32_t i = 0u; i < 3u; i++) { T->p_m[i] += shift_m * T->R[3u * i + axis]; }
-    if (!(angle_rad >= 0.0 && angle_rad <= 0.0)) { turn(T->R, u, v, angle_rad); } /* NaN turns */
+    if (!is_zero(shift_m)) {
+        for (uint32_t i = 0u; i < 3u; i++) { T->p_m[i] += shift_m * T->R[3u * i + axis]; }
+    }
+    if (!is_zero(angle_rad)) { turn(T->R, u, v, angle_rad); }
 }
 
 void kc_pose_from_quat(const double xyz_m[3], const double q_wxyz[4], kc_pose_t *out)

@@ -4,11 +4,10 @@
 
 #include "kc_vec.h"
 
-uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, bool want_J)
-{
-    const uint64_t n = arm->n_joints, passes = want_J ? 3u : 2u; /* over the terms */
-    return 12000u + 2500u * n + passes * 300u * (uint64_t)terms->n_term;
-}
+/* What coefficient c is; NULL: all are 0. */
+static double value_of(const double *coef, uint32_t c) { return coef != NULL ? coef[c] : 0.0; }
+
+static bool is_zero(double x) { return x >= 0.0 && x <= 0.0; } /* NaN is not */
 
 /* Twists of all frames: component sums of the correction terms. */
 typedef double twists_t[KC_FRAME_COUNT][6];
@@ -23,15 +22,15 @@ static double term_weight(const kc_term_t *t, const kc_ctx_t *ctx, const kc_load
     return weight;
 }
 
+static bool is_constant(const kc_term_t *t)
+{
+    return t->basis[0].var == (uint8_t)KC_VAR_ONE && t->basis[1].var == (uint8_t)KC_VAR_ONE;
+}
+
 static bool needs_loads(const kc_term_t *t)
 {
     return kc_basis_needs_loads(&t->basis[0]) || kc_basis_needs_loads(&t->basis[1]);
 }
-
-/* What coefficient c is; NULL: all are 0. */
-static double value_of(const double *coef, uint32_t c) { return coef != NULL ? coef[c] : 0.0; }
-
-static bool is_zero(double x) { return x >= 0.0 && x <= 0.0; } /* NaN is not */
 
 /* loads NULL: terms that depend on loads count as zero. weight: of every term, NULL: not wanted. */
 static void sum_twists(const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
@@ -49,24 +48,39 @@ static void sum_twists(const kc_terms_t *terms, const double *coef, const kc_ctx
     }
 }
 
-/* Whether a term has to be right: whether it moves the arm, or its derivative may be used. */
-static bool counts(const kc_terms_t *terms, const kc_term_t *t, const double *coef)
+/* Whether a term depends on loads that has to be right: it moves the arm, or its derivative may be used. */
+static bool loads_count(const kc_terms_t *terms, const double *coef)
 {
-    return terms->coef[t->coef].enabled != 0u || !is_zero(value_of(coef, t->coef));
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        const kc_term_t *t = &terms->term[k];
+        if (is_constant(t)) { continue; }
+        const bool counts = terms->coef[t->coef].enabled != 0u || !is_zero(value_of(coef, t->coef));
+        if (counts && needs_loads(t)) { return true; }
+    }
+    return false;
 }
 
 void kc_model_needed_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_ctx_t *ctx, kc_loads_t *loads)
 {
-    bool needed = false;
-    for (uint32_t k = 0u; k < terms->n_term && !needed; k++) {
-        needed = needs_loads(&terms->term[k]) && counts(terms, &terms->term[k], coef);
-    }
-    if (needed) {
+    if (loads_count(terms, coef)) {
         kc_model_loads(arm, terms, coef, ctx, loads);
     } else {
         memset(loads, 0, sizeof *loads);
     }
+}
+
+/* A term that is constant takes a multiplication, another one two functions, and J a row of each. */
+uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, bool want_J)
+{
+    const uint64_t n = arm->n_joints;
+    uint64_t cost = 6000u + 1200u * n + (want_J ? 4000u + 500u * n : 0u), with_loads = 0u;
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        const uint64_t weight = is_constant(&terms->term[k]) ? 60u : 500u;
+        cost += weight + (want_J ? 60u : 0u);
+        with_loads += weight;
+    }
+    return cost + (loads_count(terms, coef) ? with_loads + 4000u + 1700u * n : 0u);
 }
 
 /* Both motions of a screw share one line, so its direction and a point on it give both derivatives: rows[axis] <-

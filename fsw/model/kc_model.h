@@ -34,9 +34,9 @@ typedef struct {
     double J[KC_COEF_MAX][6]; /* d pose / d coefficient */
 } kc_eval_t;
 
-/* Bound of the instructions of kc_model_loads together with kc_model_eval (want_J as there), kc_model_residual
- * (want_J = 1) or kc_model_frames (0). */
-uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, bool want_J);
+/* Bound of the instructions of kc_model_needed_loads together with kc_model_eval (want_J as there), kc_model_residual
+ * (want_J = 1), kc_model_miss or kc_model_frames (0). coef: the coefficients, or those of them that are not enabled. */
+uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, bool want_J);
 
 /* Gravity torques, moments and levers with the coefficients `coef` (NULL: all zero). Bases that
  * depend on loads count as zero here: loads are those of the chain without load-dependent
