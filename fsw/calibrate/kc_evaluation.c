@@ -56,7 +56,8 @@ static void add_observation(kc_evaluated_t *evaluated, kc_consider_t *chain, con
 static bool sum_observations(kc_evaluated_t *evaluated, kc_consider_t *chain, const kc_view_t *view,
                              kc_work_t *work)
 {
-    const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, view->tables->kin.value, false) +
+    const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, view->tables->kin.value,
+                                        false) +
                           kc_model_cost(&view->tables->arm, &view->tables->terms, view->est->coef, true) +
                           KC_CAMERA_CHAIN_COST + kc_consider_add_cost(view->est);
     for (; evaluated->i_obs < view->est->n_obs; evaluated->i_obs++) {
@@ -155,9 +156,8 @@ static bool sum_candidates(kc_evaluated_t *evaluated, kc_evaluation_t *evaluatio
 {
     const kc_active_t *a = view->tables;
     const uint64_t cost = kc_model_cost(&a->arm, &a->terms, a->kin.value, false) +
-                          kc_model_cost(&a->arm, &a->terms, view->est->coef, true) +
-                          KC_CAMERA_CHAIN_COST + 3u * kc_consider_pose_cost(view->est) +
-                          kc_accuracy_add_cost(view->est);
+                          kc_model_cost(&a->arm, &a->terms, view->est->coef, true) + KC_CAMERA_CHAIN_COST +
+                          3u * kc_consider_pose_cost(view->est) + kc_accuracy_add_cost(view->est);
     uint32_t n = view->tables->space.n_cand, stride = kc_view_stride(view);
     double value[KC_COEF_MAX];
     kc_evaluation_values(view, value);

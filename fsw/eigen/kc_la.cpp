@@ -133,7 +133,9 @@ void congruence(const double *A, uint32_t ld, uint32_t n, const double *J, At at
     double half[36];
     std::memcpy(half, sum, sizeof half);
     for (uint32_t k = 0u; k < 6u; k++) {
-        for (uint32_t l = 0u; l <= k; l++) { out[6u * k + l] = out[6u * l + k] = half[6u * k + l] + half[6u * l + k]; }
+        for (uint32_t l = 0u; l <= k; l++) {
+            out[6u * k + l] = out[6u * l + k] = half[6u * k + l] + half[6u * l + k];
+        }
     }
 }
 

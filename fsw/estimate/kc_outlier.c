@@ -22,9 +22,7 @@ static uint32_t deleted_residual(kc_est_t *est, uint32_t i, double *d2)
     for (uint32_t k = 0; k < m; k++) {
         for (uint32_t l = 0; l <= k; l++) {
             double s = (k == l) ? 1.0 : 0.0;
-            for (uint32_t c = 0; c < n; c++) {
-                s -= est->blk[6u * c + k] * est->blk[6u * c + l];
-            }
+            for (uint32_t c = 0; c < n; c++) { s -= est->blk[6u * c + k] * est->blk[6u * c + l]; }
             S[k * 6u + l] = s;
         }
     }

@@ -170,12 +170,11 @@ static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], boo
     }
 }
 
-/* Whether both axes of a body are the same: its error has one place. */
-static bool has_one_axis(const kc_guard_arm_t *g, uint32_t b)
+/* Different axes of a body: one if an error along the joint's axis has one place, of the tool or a link with a length
+ * there. */
+static uint32_t count_axes(const kc_arm_t *arm, const kc_body_t *body)
 {
-    const uint32_t j = g->space->body[b].frame;
-    const double length = j > 0u ? g->arm->joint[j - 1u].d_m : 0.0;
-    return kc_fabs(length) > 0.0 || !(kc_fabs(g->along_m[j]) > 0.0);
+    return body->frame == 0u || kc_fabs(arm->joint[body->frame - 1u].d_m) > 0.0 ? 1u : 2u;
 }
 
 /* Both axes of every body, or the one: with its frame where the move along the axis ends, and where it began. */
@@ -188,7 +187,7 @@ static void find_axes(const kc_guard_arm_t *g, axes_t *axes)
 {
     for (uint32_t b = 0u; b < g->space->n_body; b++) {
         const kc_body_t *body = &g->space->body[b];
-        axes->n[b] = has_one_axis(g, b) ? 1u : 2u;
+        axes->n[b] = count_axes(g->arm, body);
         for (uint32_t e = 0u; e < axes->n[b]; e++) {
             axis_t *axis = &axes->axis[b][e];
             place_end(g, body->frame, body->start_m, e == 1u, axis->a);
@@ -370,8 +369,8 @@ static uint64_t near_at(const kc_guard_request_t *request, double part, kc_guard
         near->d[i] = n[i].d;
         near->why[i] = (kc_guard_reason_t){(int32_t)n[i].body, -n[i].d, (double)n[i].met};
     }
-    return kc_model_cost(request->arm, request->terms, request->coef, false) + AXES_COST * g.space->n_body + n[0].cost +
-           n[1].cost;
+    return kc_model_cost(request->arm, request->terms, request->coef, false) + AXES_COST * g.space->n_body +
+           n[0].cost + n[1].cost;
 }
 
 static bool is_local_pose(const kc_space_t *s, uint32_t node)
@@ -453,14 +452,16 @@ static uint64_t posture_cost(const kc_guard_request_t *request)
     const kc_space_t *s = request->space;
     uint64_t cost = kc_model_cost(request->arm, request->terms, request->coef, false);
     for (uint32_t b = 0u; b < s->n_body; b++) {
+        const uint32_t n = count_axes(request->arm, &s->body[b]);
         cost += AXES_COST;
         for (uint32_t v = 0u; v < s->n_volume; v++) {
             const uint8_t kind = s->volume[v].kind;
             const uint64_t more = kind == KC_VOL_BOX ? BOX_COST : kind == KC_VOL_CAPSULE ? CAPSULE_COST : 0u;
-            cost += (s->volume[v].excluded >> b & 1u) != 0u ? 0u : 2u * (s_volume_cost[kind] + more);
+            cost += (s->volume[v].excluded >> b & 1u) != 0u ? 0u : n * (s_volume_cost[kind] + more);
         }
         for (uint32_t k = 0u; k < b; k++) {
-            cost += (s->body[b].collision_pairs >> k & 1u) * (PAIR_COST + 4u * PART_COST);
+            const uint64_t parts = n * (uint64_t)count_axes(request->arm, &s->body[k]);
+            cost += (s->body[b].collision_pairs >> k & 1u) * (PAIR_COST + parts * PART_COST);
         }
     }
     return cost;

@@ -278,9 +278,7 @@ void test_the_gram_matrix_of_some_columns(void)
     for (uint32_t i = 0u; i < N; i++) { all[i] = i; }
     kc_la_upper_gram(s_A, LD, all, N, H, LD);
     kc_la_upper_gram(s_A, LD, at, 3u, some, 3u);
-    for (uint32_t i = 0u; i < 9u; i++) {
-        TEST_ASSERT_EQUAL_DOUBLE(H[at[i / 3u] * LD + at[i % 3u]], some[i]);
-    }
+    for (uint32_t i = 0u; i < 9u; i++) { TEST_ASSERT_EQUAL_DOUBLE(H[at[i / 3u] * LD + at[i % 3u]], some[i]); }
 }
 
 void test_no_covariance_of_a_singular_factor(void)
