@@ -22,7 +22,7 @@ static double since_s(const kc_est_t *est, uint32_t i) { return est->obs[i].ctx.
 static void with_estimate(const kc_est_t *est, const kc_obs_t *obs, double r[6], kc_eval_t *eval)
 {
     kc_loads_t loads;
-    kc_model_loads(est->arm, est->terms, est->coef, &obs->ctx, &loads);
+    kc_model_needed_loads(est->arm, est->terms, est->coef, &obs->ctx, &loads);
     (void)kc_model_residual(est->arm, est->terms, est->coef, obs, &loads, r, eval);
 }
 
@@ -38,9 +38,9 @@ static void add_observation(kc_evaluated_t *evaluated, kc_consider_t *chain, con
     evaluated->rot2 += kc_v3_dot(&before[3], &before[3]);
     evaluated->n++;
     (void)kc_la_whiten(obs->cov, 6u, W); /* kc_est_add has checked it */
-    kc_la_whiten_apply(W, 6u, before, before);
+    kc_la_whiten_apply(W, before, before);
     with_estimate(view->est, obs, after, &eval);
-    kc_la_whiten_apply(W, 6u, after, after);
+    kc_la_whiten_apply(W, after, after);
     for (uint32_t k = 0u; k < 6u; k++) {
         evaluated->chi2_before += before[k] * before[k];
         evaluated->chi2_after += after[k] * after[k];
@@ -56,7 +56,9 @@ static void add_observation(kc_evaluated_t *evaluated, kc_consider_t *chain, con
 static bool sum_observations(kc_evaluated_t *evaluated, kc_consider_t *chain, const kc_view_t *view,
                              kc_work_t *work)
 {
-    const uint64_t cost = 2u * kc_model_cost(&view->tables->arm, &view->tables->terms, true) +
+    const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, view->tables->kin.value,
+                                        false) +
+                          kc_model_cost(&view->tables->arm, &view->tables->terms, view->est->coef, true) +
                           KC_CAMERA_CHAIN_COST + kc_consider_add_cost(view->est);
     for (; evaluated->i_obs < view->est->n_obs; evaluated->i_obs++) {
         if (view->est->outlier[evaluated->i_obs]) { continue; }
@@ -132,7 +134,7 @@ static void add_candidate(kc_evaluated_t *evaluated, kc_evaluation_t *evaluation
     kc_eval_t eval;
     kc_view_pose(view, view->tables->kin.value, evaluated->i_cand, &before);
     kc_view_ctx(view, evaluated->i_cand, &ctx);
-    kc_model_loads(e->arm, e->terms, coef, &ctx, &loads);
+    kc_model_needed_loads(e->arm, e->terms, coef, &ctx, &loads);
     kc_model_eval(e->arm, e->terms, coef, &ctx, &loads, true, &eval);
     kc_v3_sub(eval.T.p_m, before.p_m, d);
     evaluated->change2 += kc_v3_dot(d, d);
@@ -152,10 +154,10 @@ static void add_candidate(kc_evaluated_t *evaluated, kc_evaluation_t *evaluation
 static bool sum_candidates(kc_evaluated_t *evaluated, kc_evaluation_t *evaluation, const kc_view_t *view,
                            kc_work_t *work)
 {
-    const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, false) +
-                          kc_model_cost(&view->tables->arm, &view->tables->terms, true) +
-                          KC_CAMERA_CHAIN_COST + 3u * kc_consider_pose_cost(view->est) +
-                          kc_accuracy_add_cost(view->est);
+    const kc_active_t *a = view->tables;
+    const uint64_t cost = kc_model_cost(&a->arm, &a->terms, a->kin.value, false) +
+                          kc_model_cost(&a->arm, &a->terms, view->est->coef, true) + KC_CAMERA_CHAIN_COST +
+                          3u * kc_consider_pose_cost(view->est) + kc_accuracy_add_cost(view->est);
     uint32_t n = view->tables->space.n_cand, stride = kc_view_stride(view);
     double value[KC_COEF_MAX];
     kc_evaluation_values(view, value);

@@ -80,7 +80,8 @@ void kc_monitoring_observe(kc_monitoring_t *monitoring, kc_monitor_t *monitor, c
     if (changed(monitoring, view)) { restart(monitoring, monitor, view); }
     kc_observation_unflip(a, a->kin.value, &at, &unflipped);
     kc_observation(&a->camera, &unflipped, &at, &obs);
-    kc_work_spend(work, kc_model_cost(&a->arm, &a->terms, 0) + ADD_COST);
+    kc_work_spend(work, kc_model_cost(&a->arm, &a->terms, a->kin.value, true) +
+                            2u * kc_model_cost(&a->arm, &a->terms, a->kin.value, false) + ADD_COST);
     if (kc_monitor_add(monitor, &a->arm, &a->terms, a->kin.value, &obs, &eval) != KC_OK) { return; }
     monitoring->t_us = taken_us;
     monitoring->due = true;

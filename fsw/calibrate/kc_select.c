@@ -63,14 +63,15 @@ enum { FRESH = 0, JOINTS, INFORMATION, LOCAL, SUSPECTED, ACQUIRED, CHOSEN };
  * the information of a pose depends on them (tests/bench/samples.py --space). False: goes on in the next step. */
 static bool predict_joints(kc_arena_calibration_t *arena, const kc_view_t *view, kc_work_t *work)
 {
-    const uint64_t cost = kc_move_joints_cost(view, KC_MOVE_EVALS(PREDICT_ITER_MAX)) + KC_COST_WORK;
+    const uint64_t one = kc_move_joints_cost(view, 1u),
+                   cost = one * KC_MOVE_EVALS(PREDICT_ITER_MAX) + KC_COST_WORK;
     kc_choice_t *ch = &arena->choice;
     for (; ch->i < view->tables->space.n_cand; ch->i++) {
         double q[KC_JOINT_MAX] = {0};
         if (ch->eligible[ch->i] == 0u) { continue; }
         if (!kc_work_take(work, cost)) { return false; }
         uint32_t n = kc_move_joints(view, ch->i, PREDICT_ITER_MAX, q);
-        kc_work_return(work, cost - kc_move_joints_cost(view, n) - KC_COST_WORK);
+        kc_work_return(work, cost - n * one - KC_COST_WORK);
         for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
             arena->cand_q[ch->i * KC_JOINT_MAX + j] = (float)q[j];
         }

@@ -61,7 +61,7 @@ static kc_miss_t miss_of(const kc_view_t *view, const double *coef, uint32_t i)
 static bool misses(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view, const double *coef,
                    kc_work_t *work)
 {
-    const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, true);
+    const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, coef, false);
     for (; cursor->i < view->plan->n_obs; cursor->i++) {
         if (!kc_work_take(work, cost)) { return false; }
         kc_miss_t miss = miss_of(view, coef, cursor->i);

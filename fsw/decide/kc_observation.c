@@ -65,8 +65,8 @@ void kc_observation_residual(const kc_active_t *tables, const double *coef, cons
 {
     kc_loads_t loads;
     kc_eval_t eval;
-    kc_model_loads(&tables->arm, &tables->terms, coef, &obs->ctx, &loads);
-    (void)kc_model_residual(&tables->arm, &tables->terms, coef, obs, &loads, r, &eval);
+    kc_model_needed_loads(&tables->arm, &tables->terms, coef, &obs->ctx, &loads);
+    (void)kc_model_miss(&tables->arm, &tables->terms, coef, obs, &loads, r, &eval);
     if (predicted != NULL) { *predicted = eval.T; }
 }
 

@@ -59,12 +59,12 @@ kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng,
 }
 
 /* Rows of work->J: whitened columns of the requested coefficients, times their scale. */
-static void take_jacobian(const kc_est_t *est, const double W[36], uint32_t m, kc_acq_work_t *w)
+static void take_jacobian(const kc_est_t *est, const double W[36], kc_acq_work_t *w)
 {
     for (uint32_t j = 0; j < w->n; j++) {
         const double scale = est->terms->coef[w->idx[j]].scale;
-        kc_la_whiten_apply(W, m, w->eval.J[w->idx[j]], w->J[j]);
-        for (uint32_t k = 0; k < 6u; k++) { w->J[j][k] = (k < m) ? w->J[j][k] * scale : 0.0; }
+        kc_la_whiten_apply(W, w->eval.J[w->idx[j]], w->J[j]);
+        for (uint32_t k = 0; k < 6u; k++) { w->J[j][k] *= scale; }
     }
 }
 
@@ -75,7 +75,7 @@ static void eval_candidate(const kc_est_t *est, const float *q, kc_acq_work_t *w
     for (uint32_t i = 0; i < 3u; i++) { ctx.g_m_s2[i] = est->arm->gravity_m_s2[i]; }
     if (est->n_obs > 0u) { ctx = est->obs[est->n_obs - 1u].ctx; }
     for (uint32_t j = 0; j < KC_JOINT_MAX; j++) { ctx.q[j] = (double)q[j]; }
-    kc_model_loads(est->arm, est->terms, est->coef, &ctx, &loads);
+    kc_model_needed_loads(est->arm, est->terms, est->coef, &ctx, &loads);
     kc_model_eval(est->arm, est->terms, est->coef, &ctx, &loads, true, &w->eval);
 }
 
@@ -112,11 +112,11 @@ static void inform(const kc_est_t *est, uint32_t i, kc_acq_work_t *w)
     kc_loads_t loads;
     double W[36];
     double r[6];
-    kc_model_loads(est->arm, est->terms, est->coef, &o->ctx, &loads);
+    kc_model_needed_loads(est->arm, est->terms, est->coef, &o->ctx, &loads);
     const uint32_t m = kc_model_residual(est->arm, est->terms, est->coef, o, &loads, r, &w->eval);
     (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has checked it */
-    take_jacobian(est, W, m, w);
-    kc_la_rank_update(w->S, w->n, LD, &w->J[0][0], 6u, 6u, 1.0);
+    take_jacobian(est, W, w);
+    kc_la_rank_update(w->S, w->n, LD, &w->J[0][0]);
 }
 
 /* S becomes zero for what is summed over the candidates. */
@@ -137,8 +137,8 @@ static void spread(const kc_est_t *est, const float *q, kc_acq_work_t *w)
     double unit[36] = {0};
     for (uint32_t k = 0; k < 6u; k++) { unit[k * 7u] = (k < 3u) ? 1.0 / w->len_m : 1.0; }
     eval_candidate(est, q, w);
-    take_jacobian(est, unit, 6u, w);
-    kc_la_rank_update(w->S, w->n, LD, &w->J[0][0], 6u, 6u, 1.0);
+    take_jacobian(est, unit, w);
+    kc_la_rank_update(w->S, w->n, LD, &w->J[0][0]);
 }
 
 /* total: trace of (sum J'J) M, the total before. */
@@ -147,6 +147,7 @@ static void weigh(kc_acq_work_t *w)
     const uint32_t n = w->n;
     double *line = w->prior; /* no longer needed */
     w->total = 0.0;
+    kc_la_mirror(w->S, n, LD);
     for (uint32_t i = 0; i < n; i++) { /* S <- S M, row by row */
         for (uint32_t j = 0; j < n; j++) {
             line[j] = 0.0;
@@ -189,7 +190,7 @@ static kc_status_t gain(kc_acq_work_t *w, double A[36], double *value)
         for (uint32_t k = 0; k < 6u; k++) { *value += 2.0 * kc_log(A[k * 7u]); }
         return KC_OK;
     }
-    kc_la_congruence(w->S, w->n, LD, &w->J[0][0], 6u, 6u, B);
+    kc_la_congruence(w->S, w->n, LD, &w->J[0][0], B);
     for (uint32_t k = 0; k < 6u; k++) {
         kc_la_chol_solve(A, 6u, 6u, &B[k * 6u]); /* row k of a symmetric B is its column k */
         *value += B[k * 7u];
@@ -216,8 +217,8 @@ static kc_status_t consider(const kc_est_t *est, const float *q, kc_acq_work_t *
 {
     double g, A[36];
     eval_candidate(est, q, w);
-    take_jacobian(est, w->W, 6u, w);
-    kc_la_congruence(w->M, w->n, LD, &w->J[0][0], 6u, 6u, A);
+    take_jacobian(est, w->W, w);
+    kc_la_congruence(w->M, w->n, LD, &w->J[0][0], A);
     const double sigma2_m2 = position_m2(w, A);
     const bool safe = w->safe_m2 <= 0.0 || sigma2_m2 <= w->safe_m2;
     if (!safe && w->only_safe != NULL) { w->only_safe[w->i] = 0u; }
@@ -292,12 +293,12 @@ static uint32_t units(const kc_est_t *est, uint32_t n_cand, const kc_acq_work_t 
 static uint64_t unit_cost(const kc_est_t *est, const kc_acq_work_t *w)
 {
     const uint64_t n = w->n;
-    const uint64_t jacobian = kc_model_cost(est->arm, est->terms, true) + 5000u + 260u * n;
+    const uint64_t jacobian = kc_model_cost(est->arm, est->terms, est->coef, true) + 4000u + 100u * n;
     switch (w->phase) {
     case INVERT: return 20000u + 3u * n * n * n;
     case WEIGH: return 20000u + 20u * n * n * n;
-    case GAIN: return jacobian + 5000u + (w->kind == KC_ACQ_VOPT ? 104u : 52u) * n * n;
-    default: return jacobian + 32u * n * n;
+    case GAIN: return jacobian + 5000u + (w->kind == KC_ACQ_VOPT ? 2u : 1u) * (200u * n + 14u * n * n);
+    default: return jacobian + 14u * n * n;
     }
 }
 

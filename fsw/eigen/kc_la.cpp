@@ -5,6 +5,8 @@
 #define EIGEN_NO_DEBUG
 #include <Eigen/Core>
 
+#include <cstring>
+
 namespace {
 
 using Eigen::Dynamic;
@@ -48,6 +50,36 @@ bool positive(double x) { return x > 0.0 && x <= std::numeric_limits<double>::ma
 
 const double *packed_row(const double *L, uint32_t i) { return L + size_t(i) * (i + 1u) / 2u; }
 
+/* Six numbers in pairs, for CPUs that compute two at once. Each operation is that of numbers one by one, in this order:
+ * the bits are the same where the compiler takes the pairs apart. */
+typedef double Pair __attribute__((vector_size(16)));
+
+Pair pair(const double *from)
+{
+    Pair p;
+    std::memcpy(&p, from, sizeof p);
+    return p;
+}
+
+struct Six {
+    Pair p[3];
+
+    static Six of(const double *from) { return {{pair(from), pair(from + 2), pair(from + 4)}}; }
+    void to(double *out) const
+    {
+        std::memcpy(out, &p[0], sizeof p[0]);
+        std::memcpy(out + 2, &p[1], sizeof p[1]);
+        std::memcpy(out + 4, &p[2], sizeof p[2]);
+    }
+    void take(double c, const Six &b) { p[0] -= c * b.p[0], p[1] -= c * b.p[1], p[2] -= c * b.p[2]; }
+    void add(double c, const Six &b) { p[0] += c * b.p[0], p[1] += c * b.p[1], p[2] += c * b.p[2]; }
+    double dot(const Six &b) const
+    {
+        const Pair s = p[0] * b.p[0] + p[1] * b.p[1] + p[2] * b.p[2];
+        return s[0] + s[1];
+    }
+};
+
 /* Norms^2 that differ by less than this part are equal: two names of one effect differ by rounding. */
 constexpr double TIE = 1e-9;
 
@@ -82,6 +114,29 @@ void reflect_column(Mat &R, uint32_t n, uint32_t k)
     }
     R(k, k) = h.r;
     b.setZero();
+}
+
+/* J'AJ, place i of J belonging to row and column at(i) of A. Of half the products, since A is symmetric: with
+ * r_i = A_i0 J_0 + ... + A_ii J_i / 2 it is the sum of J_i r_i' and its transpose, exactly symmetric. */
+template <typename At>
+void congruence(const double *A, uint32_t ld, uint32_t n, const double *J, At at, double *out)
+{
+    Six sum[6] = {}; /* row after row: two triangles */
+    for (uint32_t i = 0u; i < n; i++) {
+        const double *a = A + size_t(at(i)) * ld, *b = J + 6u * i;
+        Six r = {};
+        const double *to = J;
+        for (uint32_t j = 0u; j < i; j++, to += 6) { r.add(a[at(j)], Six::of(to)); }
+        r.add(0.5 * a[at(i)], Six::of(b));
+        for (uint32_t k = 0u; k < 6u; k++) { sum[k].add(b[k], r); }
+    }
+    double half[36];
+    std::memcpy(half, sum, sizeof half);
+    for (uint32_t k = 0u; k < 6u; k++) {
+        for (uint32_t l = 0u; l <= k; l++) {
+            out[6u * k + l] = out[6u * l + k] = half[6u * k + l] + half[6u * l + k];
+        }
+    }
 }
 
 } /* namespace */
@@ -177,23 +232,48 @@ void kc_la_packed_solve_t(const double *L, uint32_t n, double *x)
     }
 }
 
-double kc_la_fold(double *R, uint32_t n, uint32_t ld, double *blk, uint32_t m, uint32_t ldb)
+double kc_la_fold(double *R, uint32_t n, uint32_t ld, double *cols)
 {
-    Mat U = mat(R, n, n + 1u, ld);
-    Mat B = mat(blk, m, n + 1u, ldb);
     for (uint32_t k = 0u; k < n; k++) {
-        auto b = B.col(k);
-        const double b2 = b.squaredNorm();
+        double *u = R + size_t(k) * ld;
+        const Six b = Six::of(cols + 6u * k);
+        const double b2 = b.dot(b);
         if (b2 <= ZERO2) { continue; } /* NaN goes on, into the diagonal */
-        const Reflection h(U(k, k), b2);
-        U(k, k) = h.r;
+        const Reflection h(u[k], b2);
+        u[k] = h.r;
         for (uint32_t j = k + 1u; j <= n; j++) {
-            const double s = h.beta * (h.v0 * U(k, j) + b.dot(B.col(j)));
-            U(k, j) -= s * h.v0;
-            B.col(j) -= s * b;
+            Six c = Six::of(cols + 6u * j);
+            const double s = h.beta * (h.v0 * u[j] + b.dot(c));
+            u[j] -= s * h.v0;
+            c.take(s, b);
+            c.to(cols + 6u * j);
         }
     }
-    return B.col(n).squaredNorm();
+    const Six rest = Six::of(cols + 6u * n);
+    return rest.dot(rest);
+}
+
+void kc_la_take_columns(double *R, uint32_t n, uint32_t ld, const uint32_t *keep, uint32_t m)
+{
+    Mat U = mat(R, n, n + 1u, ld);
+    for (uint32_t i = 0u; i < n; i++) {
+        for (uint32_t k = 0u; k < m; k++) { U(i, k) = keep[k] >= i ? U(i, keep[k]) : 0.0; }
+        U(i, m) = U(i, n);
+    }
+    for (uint32_t k = 0u; k < m; k++) { /* column k reaches down to row keep[k] */
+        const Index below = Index(keep[k] - k);
+        auto b = U.col(k).segment(k + 1u, below);
+        const double b2 = below > 0 ? b.squaredNorm() : 0.0;
+        if (!(b2 > ZERO2)) { continue; }
+        const Reflection h(U(k, k), b2);
+        for (uint32_t j = k + 1u; j <= m; j++) {
+            auto c = U.col(j).segment(k + 1u, below);
+            const double s = h.beta * (h.v0 * U(k, j) + b.dot(c));
+            U(k, j) -= s * h.v0;
+            c -= s * b;
+        }
+        U(k, k) = h.r;
+    }
 }
 
 void kc_la_solve_upper(const double *R, uint32_t n, uint32_t ld, double *x)
@@ -206,25 +286,27 @@ void kc_la_solve_upper(const double *R, uint32_t n, uint32_t ld, double *x)
     }
 }
 
-void kc_la_solve_upper_t(const double *R, uint32_t n, uint32_t ld, double *x)
+void kc_la_solve_upper_t(const double *R, uint32_t n, uint32_t ld, double *rows)
 {
-    const ConstMat U = mat(R, n, n, ld);
-    Vec v(x, Index(n));
     for (uint32_t i = 0u; i < n; i++) {
-        const Index len = Index(n - i - 1u);
-        v(i) /= U(i, i);
-        v.tail(len) -= v(i) * U.row(i).tail(len).transpose();
+        const double *u = R + size_t(i) * ld;
+        for (uint32_t k = 0u; k < 6u; k++) { rows[6u * i + k] /= u[i]; }
+        const Six done = Six::of(rows + 6u * i);
+        for (uint32_t j = i + 1u; j < n; j++) {
+            Six v = Six::of(rows + 6u * j);
+            v.take(u[j], done);
+            v.to(rows + 6u * j);
+        }
     }
 }
 
-void kc_la_upper_gram(const double *R, uint32_t n, uint32_t ld, double *H, uint32_t ldh)
+void kc_la_upper_gram(const double *R, uint32_t ld, const uint32_t *at, uint32_t n, double *H, uint32_t ldh)
 {
-    const ConstMat U = mat(R, n, n, ld);
-    Mat A = mat(H, n, n, ldh);
     for (uint32_t i = 0u; i < n; i++) {
         for (uint32_t j = 0u; j <= i; j++) {
-            A(i, j) = U.col(i).head(j + 1u).dot(U.col(j).head(j + 1u));
-            A(j, i) = A(i, j);
+            double s = 0.0;
+            for (uint32_t k = 0u; k <= at[j]; k++) { s += R[k * ld + at[i]] * R[k * ld + at[j]]; }
+            H[i * ldh + j] = H[j * ldh + i] = s;
         }
     }
 }
@@ -313,43 +395,44 @@ kc_status_t kc_la_whiten(const double cov[36], uint32_t m, double W[36])
     return KC_OK;
 }
 
-void kc_la_whiten_apply(const double W[36], uint32_t m, const double *v, double *out)
+void kc_la_whiten_apply(const double W[36], const double *v, double *out)
 {
-    const ConstMat M = mat(W, m, m, 6u);
-    for (uint32_t i = m; i-- > 0u;) {
-        out[i] = M.row(i).head(i + 1u).transpose().dot(ConstVec(v, Index(i) + 1));
+    const double *w = W;
+    const double a = v[0], b = v[1], c = v[2], d = v[3], e = v[4], f = v[5];
+    out[5] = w[30] * a + w[31] * b + w[32] * c + w[33] * d + w[34] * e + w[35] * f;
+    out[4] = w[24] * a + w[25] * b + w[26] * c + w[27] * d + w[28] * e;
+    out[3] = w[18] * a + w[19] * b + w[20] * c + w[21] * d;
+    out[2] = w[12] * a + w[13] * b + w[14] * c;
+    out[1] = w[6] * a + w[7] * b;
+    out[0] = w[0] * a;
+}
+
+void kc_la_rank_update(double *A, uint32_t n, uint32_t ld, const double *J)
+{
+    for (uint32_t i = 0u; i < n; i++) {
+        const Six b = Six::of(J + 6u * i);
+        double *a = A + size_t(i) * ld;
+        for (uint32_t j = 0u; j <= i; j++) { a[j] += b.dot(Six::of(J + 6u * j)); }
     }
 }
 
-void kc_la_rank_update(double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
-                       double alpha)
+void kc_la_mirror(double *A, uint32_t n, uint32_t ld)
 {
     Mat M = mat(A, n, n, ld);
-    const ConstMat B = mat(J, n, m, ldj);
     for (uint32_t i = 0u; i < n; i++) {
-        for (uint32_t j = 0u; j <= i; j++) {
-            M(i, j) += alpha * B.row(i).dot(B.row(j));
-            M(j, i) = M(i, j);
-        }
+        for (uint32_t j = 0u; j < i; j++) { M(j, i) = M(i, j); }
     }
 }
 
-void kc_la_congruence(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
-                      double *out)
+void kc_la_congruence(const double *A, uint32_t n, uint32_t ld, const double *J, double out[36])
 {
-    const ConstMat M = mat(A, n, n, ld);
-    const ConstMat B = mat(J, n, m, ldj);
-    Mat C = mat(out, m, m, m);
-    C.setZero();
-    for (uint32_t i = 0u; i < n; i++) {
-        Eigen::Matrix<double, 1, Dynamic, Eigen::RowMajor, 1, 6> row(1, Index(m));
-        row.noalias() = M.row(i).lazyProduct(B);
-        C.noalias() += B.row(i).transpose().lazyProduct(row);
-    }
-    /* Exactly symmetric, whatever the rounding. */
-    for (uint32_t i = 0u; i < m; i++) {
-        for (uint32_t j = 0u; j < i; j++) { C(i, j) = C(j, i) = 0.5 * (C(i, j) + C(j, i)); }
-    }
+    congruence(A, ld, n, J, [](uint32_t i) { return i; }, out);
+}
+
+void kc_la_congruence_at(const double *A, uint32_t ld, const uint32_t *idx, uint32_t n, const double *J,
+                         double out[36])
+{
+    congruence(A, ld, n, J, [idx](uint32_t i) { return idx[i]; }, out);
 }
 
 void kc_la_mul(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,

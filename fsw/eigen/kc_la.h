@@ -36,15 +36,19 @@ void kc_la_packed_solve_t(const double *L, uint32_t n, double *x); /* x <- L^-T 
 
 /* ---- Square-root information: R upper triangular n x n, right-hand side in column n (ld > n) ---- */
 
-/* Fold m whitened rows [J | r] (m x (n+1), ldb > n, m <= 6, spoiled) into [R | z] by Householder
- * reflections: R'R + J'J and R'z + J'r are kept. Below the diagonal R is neither read nor written;
- * start from zeros. A column of rows below 1e-145 counts as zero. Returns the part of |r|^2 that no coefficient can explain. O(m n^2). */
-double kc_la_fold(double *R, uint32_t n, uint32_t ld, double *blk, uint32_t m, uint32_t ldb);
-/* x <- R^-1 x and x <- R^-T x; no diagonal element may be zero. */
+/* Fold six whitened rows [J | r], column after column: cols[6 j + k], n + 1 of them, spoiled, into [R | z] by
+ * Householder reflections: R'R + J'J and R'z + J'r are kept. Rows that are missing are zero. Below the diagonal R is
+ * neither read nor written; start from zeros. A column below 1e-145 counts as zero. Returns the part of |r|^2 that no
+ * coefficient can explain. O(n^2). */
+double kc_la_fold(double *R, uint32_t n, uint32_t ld, double *cols);
+/* [R | z] becomes that of its m columns keep[0] < keep[1] < ..., as if the others had never been folded. O(n^2) for each
+ * column that goes. */
+void kc_la_take_columns(double *R, uint32_t n, uint32_t ld, const uint32_t *keep, uint32_t m);
+/* x <- R^-1 x; X <- R^-T X of six right-hand sides side by side: rows[6 i + k]. No diagonal element may be zero. */
 void kc_la_solve_upper(const double *R, uint32_t n, uint32_t ld, double *x);
-void kc_la_solve_upper_t(const double *R, uint32_t n, uint32_t ld, double *x);
-/* H <- R^T R, full and symmetric; y <- R^T x (y may not alias x). */
-void kc_la_upper_gram(const double *R, uint32_t n, uint32_t ld, double *H, uint32_t ldh);
+void kc_la_solve_upper_t(const double *R, uint32_t n, uint32_t ld, double *rows);
+/* H (n x n) <- rows and columns at[0] < at[1] < ... of R^T R, full and symmetric; y <- R^T x (y may not alias x). */
+void kc_la_upper_gram(const double *R, uint32_t ld, const uint32_t *at, uint32_t n, double *H, uint32_t ldh);
 void kc_la_upper_t_mul(const double *R, uint32_t n, uint32_t ld, const double *x, double *y);
 /* C <- (R^T R)^-1, full and symmetric; C may not alias R. KC_ERR_NUM, C not valid, if a diagonal
  * element is zero or not finite. O(n^3). */
@@ -66,14 +70,17 @@ void kc_la_rank(double *R, uint32_t n, uint32_t ld, const double *scale, double 
 /* W <- L^-1 (m x m lower, ld 6, rest zero) of the leading m x m of cov = L L^T, m <= 6: W cov W^T = I.
  * KC_ERR_NUM, W not valid, if that is not positive definite. */
 kc_status_t kc_la_whiten(const double cov[36], uint32_t m, double W[36]);
-/* out <- W v for an m x m lower W of ld 6; out may alias v. */
-void kc_la_whiten_apply(const double W[36], uint32_t m, const double *v, double *out);
-/* A += alpha J J^T, A symmetric n x n (both triangles), J n x m with ldj, m <= 6. */
-void kc_la_rank_update(double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
-                       double alpha);
-/* out (m x m, ld m) <- J^T A J, A symmetric n x n, J n x m, m <= 6. Any n. */
-void kc_la_congruence(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
-                      double *out);
+/* out <- W v, six numbers; out may alias v. */
+void kc_la_whiten_apply(const double W[36], const double *v, double *out);
+/* A += J J^T, lower triangle of A n x n, J n rows of six. */
+void kc_la_rank_update(double *A, uint32_t n, uint32_t ld, const double *J);
+/* The upper triangle of A as its lower one. */
+void kc_la_mirror(double *A, uint32_t n, uint32_t ld);
+/* out (6 x 6) <- J^T A J, A symmetric n x n of which the lower triangle is read, J n rows of six. Any n. */
+void kc_la_congruence(const double *A, uint32_t n, uint32_t ld, const double *J, double out[36]);
+/* The same for rows and columns idx[0] < idx[1] < ... of a larger A; the others of J would be multiplied by zeros. */
+void kc_la_congruence_at(const double *A, uint32_t ld, const uint32_t *idx, uint32_t n, const double *J,
+                         double out[36]);
 /* out (n x m, ld m) <- A J, A n x n. Any n. */
 void kc_la_mul(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
                double *out);

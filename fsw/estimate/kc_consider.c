@@ -28,13 +28,13 @@ void kc_consider_add(kc_consider_t *c, const kc_est_t *est, const kc_consider_po
 {
     double h[N][6], col[6];
     for (uint32_t k = 0u; k < N; k++) {
-        kc_la_whiten_apply(pose->W, 6u, pose->H[k], h[k]);
+        kc_la_whiten_apply(pose->W, pose->H[k], h[k]);
         c->b_before[k] += dot6(h[k], pose->before);
         c->b[k] += dot6(h[k], pose->after);
         for (uint32_t j = 0u; j <= k; j++) { c->HH[k * N + j] += dot6(h[k], h[j]); }
     }
     for (uint32_t i = 0u; i < est->terms->n_coef; i++) {
-        kc_la_whiten_apply(pose->W, 6u, pose->eval->J[i], col);
+        kc_la_whiten_apply(pose->W, pose->eval->J[i], col);
         for (uint32_t k = 0u; k < N; k++) { c->S[i * N + k] += dot6(col, h[k]); }
         c->JJ[i] += dot6(col, col);
     }

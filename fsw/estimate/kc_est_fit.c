@@ -9,20 +9,28 @@
 #define ROUNDING 1e-13  /* part of the cost that rounding of its sum can hide   */
 #define BOUND_SNAP 1e-9 /* of scale: a total this close to its bound is on it   */
 
-/* Model of the cost around est->coef, in steps over scale: H = S R'R S, g = -S R'z, box for the total. */
+/* Model of the cost around est->coef, in steps over scale: H = S (R'R + priors) S, g = -S (R'z + priors), box for the
+ * total. */
 void kc_est_model(kc_est_t *est)
 {
     kc_qp_t *qp = &est->qp;
-    const uint32_t n = est->n_idx;
-    double *z = est->trial; /* column n of R, made contiguous */
+    const uint32_t n = est->n_idx, all = est->n_column;
+    uint32_t at[KC_COEF_MAX], m = 0u; /* their columns in R */
+    double *z = est->trial; /* the last column of R, made contiguous */
     qp->n = n;
-    for (uint32_t i = 0; i < n; i++) { z[i] = est->R[i * KC_EST_LD + n]; }
-    kc_la_upper_t_mul(est->R, n, KC_EST_LD, z, qp->g);
-    kc_la_upper_gram(est->R, n, KC_EST_LD, qp->H, KC_COEF_MAX);
+    for (uint32_t j = 0; j < all; j++) {
+        z[j] = est->R[j * KC_EST_LD + all];
+        if (m < n && est->column[j] == est->idx[m]) { at[m++] = j; }
+    }
+    kc_la_upper_t_mul(est->R, all, KC_EST_LD, z, qp->grad);
+    kc_la_upper_gram(est->R, KC_EST_LD, at, n, qp->H, KC_COEF_MAX);
     for (uint32_t i = 0; i < n; i++) {
         const kc_coef_t *k = &est->terms->coef[est->idx[i]];
         const double x = est->coef[est->idx[i]];
-        qp->g[i] *= -k->scale;
+        double centre;
+        const double w = kc_est_prior_precision(est, est->idx[i], &centre);
+        qp->H[i * KC_COEF_MAX + i] += w * w;
+        qp->g[i] = -k->scale * (qp->grad[at[i]] + w * w * (centre - x));
         qp->lb[i] = (k->lb - x) / k->scale;
         qp->ub[i] = (k->ub - x) / k->scale;
         for (uint32_t j = 0; j < n; j++) {
@@ -75,7 +83,8 @@ kc_est_step_t kc_est_compare(kc_est_t *est, double trial_cost)
 {
     kc_est_job_t *job = &est->job;
     const bool small = job->largest < est->opt.tol_step;
-    if (trial_cost <= job->cost) {
+    job->fresh = trial_cost <= job->cost;
+    if (job->fresh) {
         for (uint32_t c = 0; c < est->terms->n_coef; c++) { est->coef[c] = est->trial[c]; }
         job->cost = trial_cost;
         job->lambda *= DAMP_DOWN;

@@ -7,21 +7,16 @@
 uint32_t kc_est_block(kc_est_t *est, const double *coef, uint32_t i, double raw[6])
 {
     const kc_obs_t *o = &est->obs[i];
-    const uint32_t n = est->n_idx;
+    const uint32_t n = est->n_column;
     kc_loads_t loads;
     double W[36];
-    double r[6];
-    double col[6];
-    kc_model_loads(est->arm, est->terms, coef, &o->ctx, &loads);
-    const uint32_t m = kc_model_residual(est->arm, est->terms, coef, o, &loads, r, &est->eval);
+    kc_model_needed_loads(est->arm, est->terms, coef, &o->ctx, &loads);
+    const uint32_t m = kc_model_residual(est->arm, est->terms, coef, o, &loads, raw, &est->eval);
     (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has checked it */
     for (uint32_t j = 0; j < n; j++) {
-        kc_la_whiten_apply(W, m, est->eval.J[est->idx[j]], col);
-        for (uint32_t k = 0; k < m; k++) { est->blk[k * KC_EST_LD + j] = col[k]; }
+        kc_la_whiten_apply(W, est->eval.J[est->column[j]], &est->blk[6u * j]);
     }
-    kc_la_whiten_apply(W, m, r, col);
-    for (uint32_t k = 0; k < m; k++) { est->blk[k * KC_EST_LD + n] = col[k]; }
-    for (uint32_t k = 0; raw != NULL && k < 6u; k++) { raw[k] = r[k]; }
+    kc_la_whiten_apply(W, raw, &est->blk[6u * n]);
     return m;
 }
 
@@ -62,20 +57,21 @@ void kc_est_pass_begin(kc_est_t *est, kc_est_pass_t pass, const double *coef)
     job->pass = (uint8_t)pass;
     job->i = 0u;
     job->at = coef;
-    if (pass == KC_EST_PASS_SUMS) { job->sums = (kc_est_sums_t){0}; }
     if (pass != KC_EST_PASS_FOLD) { return; }
-    for (uint32_t k = 0; k < est->n_idx * KC_EST_LD; k++) { est->R[k] = 0.0; }
+    job->sums = (kc_est_sums_t){0};
+    job->has_prior = false;
+    est->n_column = kc_est_list(est, job->requested, est->column);
+    for (uint32_t i = 0; i < est->n_column; i++) {
+        for (uint32_t j = i; j <= est->n_column; j++) { est->R[i * KC_EST_LD + j] = 0.0; }
+    }
 }
 
-void kc_est_sums_add(kc_est_t *est, uint32_t i)
+void kc_est_fold(kc_est_t *est, uint32_t i)
 {
     kc_est_sums_t *s = &est->job.sums;
     double r[6];
     const uint32_t m = kc_est_block(est, est->job.at, i, r);
-    for (uint32_t k = 0; k < m; k++) {
-        const double w = est->blk[k * KC_EST_LD + est->n_idx];
-        s->chi2 += w * w;
-    }
+    s->chi2 += sum_squares(&est->blk[6u * est->n_column], 6u);
     s->rows += m;
     s->n_pos++;
     s->pos2 += sum_squares(r, 3u);
@@ -83,35 +79,47 @@ void kc_est_sums_add(kc_est_t *est, uint32_t i)
         s->n_rot++;
         s->rot2 += sum_squares(&r[3], 3u);
     }
+    (void)kc_la_fold(est->R, est->n_column, KC_EST_LD, est->blk);
 }
 
-void kc_est_sums_end(kc_est_t *est)
+double kc_est_prior_cost(const kc_est_t *est, const double *coef)
 {
+    double sum = 0.0;
     for (uint32_t j = 0; j < est->n_idx; j++) {
-        const uint32_t c = est->idx[j];
         double centre;
-        const double w = kc_est_prior_precision(est, c, &centre) * (est->job.at[c] - centre);
-        est->job.sums.prior += w * w;
+        const double w = kc_est_prior_precision(est, est->idx[j], &centre) * (coef[est->idx[j]] - centre);
+        sum += w * w;
     }
+    return sum;
 }
 
-void kc_est_fold(kc_est_t *est, uint32_t i)
+void kc_est_narrow(kc_est_t *est)
 {
-    const uint32_t m = kc_est_block(est, est->job.at, i, NULL);
-    (void)kc_la_fold(est->R, est->n_idx, KC_EST_LD, est->blk, m, KC_EST_LD);
+    uint32_t keep[KC_COEF_MAX], k = 0u;
+    if (est->n_idx == est->n_column) { return; }
+    for (uint32_t j = 0; j < est->n_column && k < est->n_idx; j++) {
+        if (est->column[j] == est->idx[k]) { keep[k++] = j; }
+    }
+    kc_la_take_columns(est->R, est->n_column, KC_EST_LD, keep, est->n_idx);
+    for (uint32_t j = 0; j < est->n_idx; j++) { est->column[j] = est->idx[j]; }
+    est->n_column = est->n_idx;
 }
 
-/* One row a coefficient: [1/sigma at its place | (centre - coef)/sigma]. */
+/* Six coefficients at a time, one row each: [1/sigma at its place | (centre - coef)/sigma]. */
 void kc_est_fold_prior(kc_est_t *est)
 {
     const uint32_t n = est->n_idx;
-    for (uint32_t j = 0; j < n; j++) {
-        double centre;
-        const double w = kc_est_prior_precision(est, est->idx[j], &centre);
-        if (w <= 0.0) { continue; }
-        for (uint32_t k = 0; k < n; k++) { est->blk[k] = 0.0; }
-        est->blk[j] = w;
-        est->blk[n] = w * (centre - est->coef[est->idx[j]]);
-        (void)kc_la_fold(est->R, n, KC_EST_LD, est->blk, 1u, KC_EST_LD);
+    kc_est_narrow(est);
+    for (uint32_t from = 0; from < n && !est->job.has_prior; from += 6u) {
+        for (uint32_t k = 0; k < 6u * (n + 1u); k++) { est->blk[k] = 0.0; }
+        for (uint32_t k = 0; k < 6u && from + k < n; k++) {
+            const uint32_t j = from + k;
+            double centre;
+            const double w = kc_est_prior_precision(est, est->idx[j], &centre);
+            est->blk[6u * j + k] = w;
+            est->blk[6u * n + k] = w * (centre - est->coef[est->idx[j]]);
+        }
+        (void)kc_la_fold(est->R, n, KC_EST_LD, est->blk);
     }
+    est->job.has_prior = true;
 }

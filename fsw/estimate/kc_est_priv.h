@@ -1,7 +1,8 @@
 /* Parts of the estimator, one job a file; nobody outside fsw/estimate includes this.
  *
  * A "fit" works on the coefficients est->idx[0 .. n_idx-1]; all others keep their values in the vector
- * that is passed. R, its right-hand side z (column n_idx) and steps are in that order. */
+ * that is passed. Steps are in that order. R and its right-hand side z (column n_column) have the columns of
+ * est->column[0 .. n_column-1]: of all that are requested, until kc_est_narrow() leaves those of the fit. */
 #ifndef KC_EST_PRIV_H
 #define KC_EST_PRIV_H
 
@@ -13,23 +14,25 @@
 
 /* What is computed observation by observation (inliers only), or iteration by iteration. */
 typedef enum {
-    KC_EST_PASS_SUMS,    /* job.sums at job.at, priors as kc_est_prior_precision says */
-    KC_EST_PASS_FOLD,    /* R and z of the data at job.at */
+    KC_EST_PASS_NONE,    /* nothing: what the phase needs is there */
+    KC_EST_PASS_FOLD,    /* job.sums, and R and z of the data, at job.at */
     KC_EST_PASS_OUTLIER, /* job.worst, job.p_worst, job.n_tested; R of data and priors is there */
     KC_EST_PASS_QP       /* the QP */
 } kc_est_pass_t;
 
 /* -- kc_est_linear.c: residuals, R and priors -- */
 
-/* Whitened rows of observation i at coef into est->blk, (n_idx + 1) wide: [J | r]. Returns the number
- * of rows; raw (if not NULL) gets the residual in m and rad. */
+/* Whitened rows of observation i at coef into est->blk, column after column: [J | r]. Returns the number of rows; those
+ * that are missing are zero. raw: the residual in m and rad. */
 uint32_t kc_est_block(kc_est_t *est, const double *coef, uint32_t i, double raw[6]);
-/* Begin a pass at coef, which may not change before it is over; its work on observation i; its end. */
+/* Begin a pass at coef, which may not change before it is over; its work on observation i. */
 void kc_est_pass_begin(kc_est_t *est, kc_est_pass_t pass, const double *coef);
-void kc_est_sums_add(kc_est_t *est, uint32_t i);
-void kc_est_sums_end(kc_est_t *est);
 void kc_est_fold(kc_est_t *est, uint32_t i);
-/* R and z get the priors at est->coef. */
+/* Squares of what the priors say against coef. */
+double kc_est_prior_cost(const kc_est_t *est, const double *coef);
+/* R and z lose the columns that are not in idx. */
+void kc_est_narrow(kc_est_t *est);
+/* They get the priors at est->coef, once, after that. */
 void kc_est_fold_prior(kc_est_t *est);
 /* 1/sigma of the prior of coefficient c, and its mean; 0 if there is none. */
 double kc_est_prior_precision(const kc_est_t *est, uint32_t c, double *centre);
@@ -38,10 +41,10 @@ uint32_t kc_est_rows(const kc_est_t *est);
 
 /* -- kc_ident.c -- */
 
-/* est->idx = the coefficients in mask, in order. */
-void kc_est_take(kc_est_t *est, uint64_t mask);
-/* Rank of the coefficients in idx by R, which the data alone made. cond, perm, pivot stay in est for the
- * report; F (n_coef^2 values) gets the factored columns, ld n_idx. */
+/* The coefficients in mask, in order; how many. */
+uint32_t kc_est_list(const kc_est_t *est, uint64_t mask, uint32_t *list);
+/* Rank of the columns of R, which the data alone made. cond, perm, pivot stay in est for the
+ * report; F (n_coef^2 values) gets the factored columns, ld n_column. */
 uint32_t kc_est_rank(kc_est_t *est, double *F);
 /* Decide by R of all `requested` which of them are estimated and which held: status, confounded, rank, idx,
  * weak. */
@@ -57,7 +60,8 @@ void kc_est_model(kc_est_t *est);
 kc_est_step_t kc_est_try(kc_est_t *est);
 /* est->trial = coef + step of the QP. */
 void kc_est_trial(kc_est_t *est);
-/* Take the step if the cost at est->trial does not rise; AGAIN with more damping. */
+/* Take the step if the cost at est->trial does not rise (job.fresh: R and sums are then those of est->coef); AGAIN with
+ * more damping. */
 kc_est_step_t kc_est_compare(kc_est_t *est, double trial_cost);
 /* Largest scaled projected gradient at est->coef by R and z; marks active bounds in status. */
 double kc_est_kkt(kc_est_t *est, double cost);
@@ -65,7 +69,7 @@ double kc_est_kkt(kc_est_t *est, double cost);
 /* -- kc_outlier.c -- */
 
 /* Test inlier i: job.worst = the one whose deleted residual is least likely (n_obs: none), job.p_worst = its
- * probability, job.n_tested = inliers whose residual has a meaning. job.sums: chi2 of all. */
+ * probability, job.n_tested = inliers whose residual has a meaning. job.sums: of all. */
 void kc_est_outlier_test(kc_est_t *est, uint32_t i);
 
 /* -- kc_estimate.c -- */

@@ -9,25 +9,31 @@
 typedef enum {
     DONE = 0,
     BEFORE, /* sums at start: residual before */
-    IDENTIFIED, /* R at coef: which are estimated */
-    COSTED, /* sums at coef: a fit begins */
-    LINEARISED, /* R at coef: model of the cost */
+    IDENTIFIED, /* R of all requested: which are estimated */
+    COSTED, /* sums: a fit begins */
+    LINEARISED, /* R: model of the cost */
     STEPPED, /* the QP is solved: a step to try */
-    TRIED, /* sums at trial: is it taken? */
+    TRIED, /* sums, and R, at trial: is it taken? */
     ALL_RANKED, /* R of all requested at the solution */
     OWN_RANKED, /* R of those estimated there: does the decision still stand? */
-    FITTED, /* sums at coef: chi2 for the test of outliers */
-    WEIGHED, /* R at coef: the test begins */
+    WEIGHED, /* R: the test of outliers begins */
     TESTED, /* the worst inlier is known */
-    REPORTED, /* sums at coef: chi2, RMS */
-    CHECKED, /* R at coef: KKT residual */
+    REPORTED, /* sums: chi2, RMS */
+    CHECKED, /* R: KKT residual */
     INVERTED /* R of those not at a bound: covariance */
 } phase_t;
 
-static void next(kc_est_t *est, phase_t phase, kc_est_pass_t pass)
+static void pass_to(kc_est_t *est, phase_t phase, kc_est_pass_t pass, const double *at)
 {
-    kc_est_pass_begin(est, pass, est->coef);
+    kc_est_pass_begin(est, pass, at);
     est->job.phase = (uint8_t)phase;
+}
+
+/* A phase that needs sums and R at coef, which mostly are those of the last trial. */
+static void next(kc_est_t *est, phase_t phase)
+{
+    pass_to(est, phase, est->job.fresh ? KC_EST_PASS_NONE : KC_EST_PASS_FOLD, est->coef);
+    est->job.fresh = true;
 }
 
 static void end(kc_est_t *est, kc_status_t status)
@@ -39,12 +45,6 @@ static void end(kc_est_t *est, kc_status_t status)
 /* ---- fit, and decide rank again at the solution: a nominal arm can be singular where the real one is not,
  * and the other way round. Coefficients that become held return to start. ---- */
 
-static void identify(kc_est_t *est)
-{
-    kc_est_take(est, est->job.requested);
-    next(est, IDENTIFIED, KC_EST_PASS_FOLD);
-}
-
 static void report(kc_est_t *est)
 {
     kc_est_job_t *job = &est->job;
@@ -52,8 +52,11 @@ static void report(kc_est_t *est)
         end(est, KC_ERR_NUM);
         return;
     }
-    if (job->status == KC_ERR_RANK) { kc_est_to_start(est, ~(uint64_t)0u, job->requested); }
-    next(est, REPORTED, KC_EST_PASS_SUMS);
+    if (job->status == KC_ERR_RANK) {
+        kc_est_to_start(est, ~(uint64_t)0u, job->requested);
+        job->fresh = false;
+    }
+    next(est, REPORTED);
 }
 
 /* The rank stands. One pose at a time is rejected, the worst first, until none is unlikely. */
@@ -62,7 +65,7 @@ static void settled(kc_est_t *est)
     bool test = est->job.status == KC_OK && est->opt.outlier_p > 0.0 &&
                 est->n_outliers < est->opt.outlier_max;
     if (test) {
-        next(est, FITTED, KC_EST_PASS_SUMS);
+        next(est, WEIGHED);
     } else {
         report(est);
     }
@@ -72,12 +75,16 @@ static void identified(kc_est_t *est)
 {
     kc_est_job_t *job = &est->job;
     kc_est_identify(est, job->requested);
-    if (job->n_fits++ > 0u) { kc_est_to_start(est, kc_est_held(est), job->requested); }
+    const uint64_t held = kc_est_held(est);
+    if (job->n_fits++ > 0u && held != 0u) {
+        kc_est_to_start(est, held, job->requested);
+        job->fresh = false;
+    }
     if (est->rank == 0u) {
         job->status = KC_ERR_RANK;
         settled(est);
     } else {
-        next(est, COSTED, KC_EST_PASS_SUMS);
+        next(est, COSTED);
     }
 }
 
@@ -89,28 +96,29 @@ static void fitted(kc_est_t *est, kc_status_t status)
     job->status = status;
     if (status == KC_ERR_NUM || est->hold_none || job->n_fits >= KC_EST_PASSES) {
         settled(est);
-        return;
+    } else {
+        next(est, ALL_RANKED);
     }
-    job->kept = 0u;
-    for (uint32_t j = 0; j < est->n_idx; j++) { job->kept |= (uint64_t)1u << est->idx[j]; }
-    kc_est_take(est, job->requested);
-    next(est, ALL_RANKED, KC_EST_PASS_FOLD);
 }
 
 static void all_ranked(kc_est_t *est)
 {
     est->job.rank_all = kc_est_rank(est, est->qp.L); /* what it leaves there is not needed */
-    kc_est_take(est, est->job.kept);
-    next(est, OWN_RANKED, KC_EST_PASS_FOLD);
+    kc_est_narrow(est);
+    next(est, OWN_RANKED);
 }
 
+/* Without those that are held it is no other rank. */
 static void own_ranked(kc_est_t *est)
 {
-    const uint32_t own = kc_est_rank(est, est->qp.L);
-    if (est->job.rank_all == est->rank && own == est->rank) {
+    kc_est_job_t *job = &est->job;
+    const bool narrowed = est->n_idx < est->n_free;
+    const uint32_t own = narrowed ? kc_est_rank(est, est->qp.L) : job->rank_all;
+    if (job->rank_all == est->rank && own == est->rank) {
         settled(est);
     } else {
-        identify(est);
+        job->fresh = !narrowed; /* of all requested */
+        next(est, IDENTIFIED);
     }
 }
 
@@ -120,10 +128,10 @@ static void costed(kc_est_t *est)
 {
     kc_est_job_t *job = &est->job;
     job->lambda = DAMP_START;
-    job->cost = job->sums.chi2 + job->sums.prior;
+    job->cost = job->sums.chi2 + kc_est_prior_cost(est, est->coef);
     job->iter = 0u;
     if (kc_finite(job->cost)) {
-        next(est, LINEARISED, KC_EST_PASS_FOLD);
+        next(est, LINEARISED);
     } else {
         fitted(est, KC_ERR_NUM);
     }
@@ -135,13 +143,13 @@ static void go_on(kc_est_t *est, kc_est_step_t step)
     kc_est_job_t *job = &est->job;
     if (step == KC_EST_STEP_AGAIN) { step = kc_est_try(est); }
     if (step == KC_EST_STEP_AGAIN) {
-        next(est, STEPPED, KC_EST_PASS_QP);
+        pass_to(est, STEPPED, KC_EST_PASS_QP, est->coef);
         return;
     }
     est->iters++;
     job->iter++;
     if (step == KC_EST_STEP_TAKEN && job->iter < est->opt.iter_max) {
-        next(est, LINEARISED, KC_EST_PASS_FOLD);
+        next(est, LINEARISED);
     } else {
         fitted(est, step == KC_EST_STEP_LAST ? KC_OK : KC_ERR_ITER);
     }
@@ -149,7 +157,6 @@ static void go_on(kc_est_t *est, kc_est_step_t step)
 
 static void linearised(kc_est_t *est)
 {
-    kc_est_fold_prior(est);
     kc_est_model(est);
     est->job.tries = 0u;
     go_on(est, KC_EST_STEP_AGAIN);
@@ -158,13 +165,12 @@ static void linearised(kc_est_t *est)
 static void stepped(kc_est_t *est)
 {
     kc_est_trial(est);
-    next(est, TRIED, KC_EST_PASS_SUMS);
-    est->job.at = est->trial;
+    pass_to(est, TRIED, KC_EST_PASS_FOLD, est->trial);
 }
 
 static void tried(kc_est_t *est)
 {
-    go_on(est, kc_est_compare(est, est->job.sums.chi2 + est->job.sums.prior));
+    go_on(est, kc_est_compare(est, est->job.sums.chi2 + kc_est_prior_cost(est, est->trial)));
 }
 
 /* ---- outliers ---- */
@@ -176,7 +182,7 @@ static void weighed(kc_est_t *est)
     job->worst = est->n_obs;
     job->p_worst = 1.0;
     job->n_tested = 0u;
-    next(est, TESTED, KC_EST_PASS_OUTLIER);
+    pass_to(est, TESTED, KC_EST_PASS_OUTLIER, est->coef);
 }
 
 static void tested(kc_est_t *est)
@@ -189,7 +195,8 @@ static void tested(kc_est_t *est)
     est->outlier[job->worst] = 1u;
     est->n_outliers++;
     job->n_fits = 0u;
-    identify(est);
+    job->fresh = false;
+    next(est, IDENTIFIED);
 }
 
 /* ---- report ---- */
@@ -203,17 +210,17 @@ static void before(kc_est_t *est)
     }
     est->before_pos_m = kc_est_rms(s->pos2, s->n_pos);
     est->before_rot_rad = kc_est_rms(s->rot2, s->n_rot);
-    identify(est);
+    next(est, IDENTIFIED);
 }
 
 static void reported(kc_est_t *est)
 {
     const kc_est_sums_t *s = &est->job.sums;
-    est->cost = s->chi2 + s->prior;
+    est->cost = s->chi2 + kc_est_prior_cost(est, est->coef);
     est->chi2 = est->by_prior != 0u ? est->cost : s->chi2;
     est->fit_pos_m = kc_est_rms(s->pos2, s->n_pos);
     est->fit_rot_rad = kc_est_rms(s->rot2, s->n_rot);
-    next(est, CHECKED, KC_EST_PASS_FOLD);
+    next(est, CHECKED);
 }
 
 static void checked(kc_est_t *est)
@@ -221,12 +228,11 @@ static void checked(kc_est_t *est)
     kc_est_fold_prior(est);
     est->kkt = kc_est_kkt(est, est->cost);
     kc_est_take_inside(est);
-    next(est, INVERTED, KC_EST_PASS_FOLD);
+    next(est, INVERTED);
 }
 
 static void inverted(kc_est_t *est)
 {
-    kc_est_fold_prior(est);
     const kc_status_t st = kc_est_covariance(est);
     const uint32_t rows = est->job.sums.rows + (est->by_prior != 0u ? est->n_free : 0u);
     est->dof = (rows > est->n_idx) ? rows - est->n_idx : 0u;
@@ -238,7 +244,6 @@ static void inverted(kc_est_t *est)
 
 static void advance(kc_est_t *est)
 {
-    if (est->job.pass == (uint8_t)KC_EST_PASS_SUMS) { kc_est_sums_end(est); }
     switch ((phase_t)est->job.phase) {
     case BEFORE: before(est); break;
     case IDENTIFIED: identified(est); break;
@@ -248,7 +253,6 @@ static void advance(kc_est_t *est)
     case TRIED: tried(est); break;
     case ALL_RANKED: all_ranked(est); break;
     case OWN_RANKED: own_ranked(est); break;
-    case FITTED: next(est, WEIGHED, KC_EST_PASS_FOLD); break;
     case WEIGHED: weighed(est); break;
     case TESTED: tested(est); break;
     case REPORTED: reported(est); break;
@@ -260,16 +264,24 @@ static void advance(kc_est_t *est)
 /* Bound of the instructions of advance(): of a phase that factors R, or of one that works on vectors. */
 static uint64_t advance_cost(const kc_est_t *est)
 {
-    const uint64_t n = est->n_idx;
-    return est->job.pass == (uint8_t)KC_EST_PASS_FOLD ? 20000u + 10u * n * n * n : 5000u + 30u * n * n;
+    const uint64_t n = est->n_free;
+    switch ((phase_t)est->job.phase) {
+    case IDENTIFIED:
+    case LINEARISED:
+    case ALL_RANKED:
+    case OWN_RANKED:
+    case WEIGHED:
+    case CHECKED:
+    case INVERTED: return 20000u + 10u * n * n * n;
+    default: return 5000u + 30u * n * n;
+    }
 }
 
 /* Of one observation in a pass: its whitened rows, and their way into R. */
 static uint64_t observation_cost(const kc_est_t *est)
 {
-    const uint64_t n = est->n_idx;
-    const uint64_t rows = kc_model_cost(est->arm, est->terms, true) + 5000u + 260u * n;
-    return est->job.pass == (uint8_t)KC_EST_PASS_SUMS ? rows : rows + 64u * n * n;
+    const uint64_t n = est->n_free;
+    return kc_model_cost(est->arm, est->terms, est->start, true) + 5000u + 150u * n + 25u * n * n;
 }
 
 /* The pass over the observations; true when it is over. */
@@ -277,13 +289,14 @@ static bool pass(kc_est_t *est, kc_work_t *work)
 {
     kc_est_job_t *job = &est->job;
     const uint64_t cost = observation_cost(est);
+    if (job->pass == (uint8_t)KC_EST_PASS_NONE) { return true; }
     for (; job->i < est->n_obs; job->i++) {
         if (est->outlier[job->i] != 0u) { continue; }
         if (!kc_work_take(work, cost)) { return false; }
-        switch ((kc_est_pass_t)job->pass) {
-        case KC_EST_PASS_SUMS: kc_est_sums_add(est, job->i); break;
-        case KC_EST_PASS_FOLD: kc_est_fold(est, job->i); break;
-        default: kc_est_outlier_test(est, job->i); break;
+        if (job->pass == (uint8_t)KC_EST_PASS_FOLD) {
+            kc_est_fold(est, job->i);
+        } else {
+            kc_est_outlier_test(est, job->i);
         }
     }
     return true;
@@ -306,7 +319,7 @@ void kc_est_begin(kc_est_t *est)
     if (!kc_est_options_good(est)) { return; }
     est->job.requested = kc_est_requested(est);
     kc_est_reset(est, est->job.requested);
-    next(est, BEFORE, KC_EST_PASS_SUMS);
+    next(est, BEFORE);
 }
 
 bool kc_est_step(kc_est_t *est, kc_work_t *work)

@@ -135,6 +135,7 @@ void kc_est_take_inside(kc_est_t *est)
 kc_status_t kc_est_covariance(kc_est_t *est)
 {
     for (uint32_t k = 0; k < KC_COEF_MAX * KC_COEF_MAX; k++) { est->cov[k] = 0.0; }
+    kc_est_narrow(est);
     const kc_status_t st = kc_la_upper_cov(est->R, est->n_idx, KC_EST_LD, est->cov, KC_COEF_MAX);
     scatter_cov(est);
     return st;
@@ -142,14 +143,20 @@ kc_status_t kc_est_covariance(kc_est_t *est)
 
 uint64_t kc_est_pose_cov_cost(const kc_est_t *est)
 {
-    const uint64_t n = est->terms->n_coef;
-    return kc_model_cost(est->arm, est->terms, true) + 10000u + 52u * n * n;
+    const uint64_t n = est->n_free;
+    return kc_model_cost(est->arm, est->terms, est->coef, true) + 5000u + 200u * n + 14u * n * n;
 }
 
 void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36])
 {
     kc_loads_t loads;
-    kc_model_loads(est->arm, est->terms, est->coef, ctx, &loads);
+    uint32_t idx[KC_COEF_MAX], n = 0u;
+    kc_model_needed_loads(est->arm, est->terms, est->coef, ctx, &loads);
     kc_model_eval(est->arm, est->terms, est->coef, ctx, &loads, true, work);
-    kc_la_congruence(est->cov, est->terms->n_coef, KC_COEF_MAX, &work->J[0][0], 6u, 6u, cov);
+    for (uint32_t c = 0; c < est->terms->n_coef; c++) { /* the others have no covariance */
+        if (est->status[c] != (uint8_t)KC_COEF_ESTIMATED) { continue; }
+        for (uint32_t k = 0; k < 6u; k++) { work->J[n][k] = work->J[c][k]; } /* only back: n <= c */
+        idx[n++] = c;
+    }
+    kc_la_congruence_at(est->cov, KC_COEF_MAX, idx, n, &work->J[0][0], cov);
 }

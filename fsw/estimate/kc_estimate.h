@@ -53,7 +53,6 @@ typedef struct {
 /* Sums over the inliers at one vector of coefficients. */
 typedef struct {
     double chi2;           /* whitened squared residuals */
-    double prior;          /* squared prior terms */
     double pos2, rot2;     /* squared residuals [m^2], [rad^2] */
     uint32_t n_pos, n_rot; /* poses behind them */
     uint32_t rows;
@@ -62,6 +61,8 @@ typedef struct {
 /* Where a solution stands between two steps (kc_est_solve.c). */
 typedef struct {
     uint8_t phase, pass;  /* kc_est_phase_t, kc_est_pass_t */
+    bool fresh;           /* sums and R are those at coef, of the inliers of now */
+    bool has_prior;       /* R has the priors */
     uint32_t i;           /* next observation of the pass */
     const double *at;     /* coefficients of the pass */
     uint64_t requested, kept;
@@ -117,11 +118,11 @@ typedef struct {
     kc_est_job_t job;
     kc_eval_t eval;
     uint8_t weak; /* the weak prior is in force */
-    uint32_t n_idx; /* coefficients in R, place -> coefficient */
-    uint32_t idx[KC_COEF_MAX];
+    uint32_t n_idx, n_column; /* coefficients of the fit, and columns of R: place -> coefficient */
+    uint32_t idx[KC_COEF_MAX], column[KC_COEF_MAX];
     uint32_t perm[KC_COEF_MAX];
     double R[KC_COEF_MAX * (KC_COEF_MAX + 1u)]; /* square-root information | right-hand side */
-    double blk[6u * (KC_COEF_MAX + 1u)];
+    double blk[6u * (KC_COEF_MAX + 1u)]; /* rows of one observation, column after column */
     double pivot[KC_COEF_MAX]; /* of the rank; in a fit, where none is decided: the undamped diagonal of H */
     double trial[KC_COEF_MAX];
 } kc_est_t;

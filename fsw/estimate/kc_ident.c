@@ -12,9 +12,9 @@ static uint64_t null_members(const kc_est_t *est, const double *F, uint32_t n, u
 {
     double top = 1.0; /* of the dependent column itself */
     for (uint32_t i = 0; i < est->rank; i++) { top = kc_max(top, kc_fabs(F[i * n + j])); }
-    uint64_t set = (uint64_t)1u << est->idx[est->perm[j]];
+    uint64_t set = (uint64_t)1u << est->column[est->perm[j]];
     for (uint32_t i = 0; i < est->rank; i++) {
-        if (kc_fabs(F[i * n + j]) > NULL_PART * top) { set |= (uint64_t)1u << est->idx[est->perm[i]]; }
+        if (kc_fabs(F[i * n + j]) > NULL_PART * top) { set |= (uint64_t)1u << est->column[est->perm[i]]; }
     }
     return set;
 }
@@ -27,12 +27,13 @@ static void entangle(kc_est_t *est, uint64_t set)
     }
 }
 
-void kc_est_take(kc_est_t *est, uint64_t mask)
+uint32_t kc_est_list(const kc_est_t *est, uint64_t mask, uint32_t *list)
 {
-    est->n_idx = 0u;
+    uint32_t n = 0u;
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
-        if (((mask >> c) & 1u) != 0u) { est->idx[est->n_idx++] = c; }
+        if (((mask >> c) & 1u) != 0u) { list[n++] = c; }
     }
+    return n;
 }
 
 /* Relative tolerance for kc_la_rank: rank_tol, or what keeps pivots above KC_EST_PIVOT_MIN. The first
@@ -40,7 +41,7 @@ void kc_est_take(kc_est_t *est, uint64_t mask)
 static double tolerance(const kc_est_t *est, const double *scale)
 {
     double top2 = 0.0;
-    for (uint32_t j = 0; j < est->n_idx; j++) {
+    for (uint32_t j = 0; j < est->n_column; j++) {
         double s = 0.0;
         for (uint32_t i = 0; i <= j; i++) { s += est->R[i * KC_EST_LD + j] * est->R[i * KC_EST_LD + j]; }
         top2 = kc_max(top2, s * scale[j] * scale[j]);
@@ -52,9 +53,9 @@ uint32_t kc_est_rank(kc_est_t *est, double *F)
 {
     double *scale = est->qp.d;
     uint32_t rank = 0u;
-    const uint32_t n = est->n_idx;
+    const uint32_t n = est->n_column;
     for (uint32_t i = 0; i < n; i++) {
-        scale[i] = est->terms->coef[est->idx[i]].scale;
+        scale[i] = est->terms->coef[est->column[i]].scale;
         for (uint32_t j = i; j < n; j++) { F[i * n + j] = est->R[i * KC_EST_LD + j]; }
     }
     kc_la_rank(F, n, n, scale, tolerance(est, scale), est->perm, est->pivot, &rank);
@@ -71,12 +72,12 @@ void kc_est_identify(kc_est_t *est, uint64_t requested)
         est->status[c] = (uint8_t)((((requested >> c) & 1u) != 0u) ? KC_COEF_ESTIMATED : KC_COEF_MASKED);
         est->confounded[c] = 0u;
     }
-    for (uint32_t j = est->rank; j < est->n_idx && !est->hold_none; j++) {
-        const uint32_t c = est->idx[est->perm[j]];
+    for (uint32_t j = est->rank; j < est->n_column && !est->hold_none; j++) {
+        const uint32_t c = est->column[est->perm[j]];
         est->status[c] = (uint8_t)KC_COEF_HELD;
         held |= (uint64_t)1u << c;
-        entangle(est, null_members(est, F, est->n_idx, j));
+        entangle(est, null_members(est, F, est->n_column, j));
     }
-    kc_est_take(est, requested & ~held);
+    est->n_idx = kc_est_list(est, requested & ~held, est->idx);
     est->weak = (est->hold_none || kc_est_rows(est) < 2u * est->n_idx) ? 1u : 0u;
 }

@@ -39,7 +39,7 @@ kc_status_t kc_monitor_add(kc_monitor_t *m, const kc_arm_t *arm, const kc_terms_
     memcpy(cov, obs->cov, sizeof cov);
     for (uint32_t i = 0u; i < 6u; i++) { cov[7u * i] = kc_max(cov[7u * i], m->floor2[i]); }
     if (kc_la_whiten(cov, 6u, W) != KC_OK) { return KC_ERR_NUM; }
-    kc_model_loads(arm, terms, coef, &obs->ctx, &loads);
+    kc_model_needed_loads(arm, terms, coef, &obs->ctx, &loads);
     (void)kc_model_residual(arm, terms, coef, obs, &loads, r, work);
     if (!kc_v_finite(r, 6u)) { return KC_ERR_NUM; }
     kc_mon_obs_t *k = &m->obs[m->next];
@@ -94,8 +94,8 @@ static double sums(const kc_monitor_t *m, uint32_t n, uint32_t j, fit_t *f)
         const kc_mon_obs_t *k = kc_monitor_back(m, i);
         double r[6], a[6], s2 = 0.0;
         shifted(m, k, j, f->bias, r, a);
-        kc_la_whiten_apply(k->W, 6u, r, r);
-        kc_la_whiten_apply(k->W, 6u, a, a);
+        kc_la_whiten_apply(k->W, r, r);
+        kc_la_whiten_apply(k->W, a, a);
         for (uint32_t c = 0u; c < 6u; c++) {
             double u = 0.0; /* W' W a: how this component of an error pulls */
             for (uint32_t b = c; b < 6u; b++) { u += k->W[6u * b + c] * a[b]; }
@@ -180,7 +180,7 @@ static uint32_t off_in_a_row(const kc_monitor_t *m, double *p_most)
     for (uint32_t i = 0u; i < m->n; i++) {
         const kc_mon_obs_t *k = kc_monitor_back(m, i);
         double w[6], chi2 = 0.0;
-        kc_la_whiten_apply(k->W, 6u, k->r, w);
+        kc_la_whiten_apply(k->W, k->r, w);
         for (uint32_t c = 0u; c < 6u; c++) { chi2 += w[c] * w[c]; }
         double p = kc_chi2_sf(chi2, 6u);
         if (p > KC_MON_P) { return i; }

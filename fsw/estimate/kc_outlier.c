@@ -14,19 +14,15 @@
 static uint32_t deleted_residual(kc_est_t *est, uint32_t i, double *d2)
 {
     const uint32_t n = est->n_idx;
-    const uint32_t m = kc_est_block(est, est->coef, i, NULL);
     double S[36];
     double w[6];
-    for (uint32_t k = 0; k < m; k++) {
-        w[k] = est->blk[k * KC_EST_LD + n];
-        kc_la_solve_upper_t(est->R, n, KC_EST_LD, &est->blk[k * KC_EST_LD]);
-    }
+    const uint32_t m = kc_est_block(est, est->coef, i, w);
+    for (uint32_t k = 0; k < m; k++) { w[k] = est->blk[6u * n + k]; }
+    kc_la_solve_upper_t(est->R, n, KC_EST_LD, est->blk);
     for (uint32_t k = 0; k < m; k++) {
         for (uint32_t l = 0; l <= k; l++) {
             double s = (k == l) ? 1.0 : 0.0;
-            for (uint32_t c = 0; c < n; c++) {
-                s -= est->blk[k * KC_EST_LD + c] * est->blk[l * KC_EST_LD + c];
-            }
+            for (uint32_t c = 0; c < n; c++) { s -= est->blk[6u * c + k] * est->blk[6u * c + l]; }
             S[k * 6u + l] = s;
         }
     }
@@ -51,7 +47,7 @@ static double probability(double d2, uint32_t m, double chi2, uint32_t dof)
 void kc_est_outlier_test(kc_est_t *est, uint32_t i)
 {
     kc_est_job_t *job = &est->job;
-    const uint32_t rows = kc_est_rows(est);
+    const uint32_t rows = job->sums.rows;
     double d2;
     const uint32_t m = deleted_residual(est, i, &d2);
     if (m == 0u || rows <= est->n_idx + m) { return; }

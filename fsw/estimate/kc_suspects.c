@@ -109,10 +109,10 @@ static void sums(const kc_monitor_t *m, uint32_t n, set_t *f)
         moved_t t;
         double r[6];
         residual(m, k, f, r, &t);
-        kc_la_whiten_apply(k->W, 6u, r, r);
+        kc_la_whiten_apply(k->W, r, r);
         f->rest += dot6(r, r);
         for (uint32_t i = 0u; i < f->n; i++) {
-            kc_la_whiten_apply(k->W, 6u, t.a[i], t.a[i]);
+            kc_la_whiten_apply(k->W, t.a[i], t.a[i]);
             f->grad[i] += dot6(t.a[i], r);
             for (uint32_t b = 0u; b <= i; b++) { f->info[i][b] += dot6(t.a[i], t.a[b]); }
             double s2 = pull2(m, k, t.a[i]);

@@ -33,17 +33,28 @@ void kc_pose_inv(const kc_pose_t *A, kc_pose_t *out)
     *out = C;
 }
 
+/* Columns u and v of R turn about the third. */
+static void turn(double R[9], uint32_t u, uint32_t v, double angle_rad)
+{
+    double s, c;
+    kc_sincos(angle_rad, &s, &c);
+    for (uint32_t i = 0u; i < 9u; i += 3u) {
+        const double ru = R[i + u], rv = R[i + v];
+        R[i + u] = c * ru + s * rv;
+        R[i + v] = c * rv - s * ru;
+    }
+}
+
+static bool is_zero(double x) { return x >= 0.0 && x <= 0.0; } /* NaN is not */
+
 void kc_pose_screw(kc_pose_t *T, uint32_t axis, double shift_m, double angle_rad)
 {
-    const uint32_t u = (axis + 1u) % 3u, v = (axis + 2u) % 3u;
-    const double c = kc_cos(angle_rad), s = kc_sin(angle_rad);
-    for (uint32_t i = 0u; i < 3u; i++) {
-        double *row = &T->R[3u * i];
-        const double ru = row[u], rv = row[v];
-        T->p_m[i] += shift_m * row[axis];
-        row[u] = c * ru + s * rv;
-        row[v] = c * rv - s * ru;
+    static const uint8_t after[3] = {1u, 2u, 0u};
+    const uint32_t u = after[axis], v = after[u];
+    if (!is_zero(shift_m)) {
+        for (uint32_t i = 0u; i < 3u; i++) { T->p_m[i] += shift_m * T->R[3u * i + axis]; }
     }
+    if (!is_zero(angle_rad)) { turn(T->R, u, v, angle_rad); }
 }
 
 void kc_pose_from_quat(const double xyz_m[3], const double q_wxyz[4], kc_pose_t *out)

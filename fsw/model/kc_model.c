@@ -4,45 +4,99 @@
 
 #include "kc_vec.h"
 
-uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, bool want_J)
-{
-    const uint64_t n = arm->n_joints, passes = want_J ? 3u : 2u; /* over the terms */
-    return 12000u + 2500u * n + passes * 300u * (uint64_t)terms->n_term;
-}
+/* What coefficient c is; NULL: all are 0. */
+static double value_of(const double *coef, uint32_t c) { return coef != NULL ? coef[c] : 0.0; }
+
+static bool is_zero(double x) { return x >= 0.0 && x <= 0.0; } /* NaN is not */
 
 /* Twists of all frames: component sums of the correction terms. */
 typedef double twists_t[KC_FRAME_COUNT][6];
 
+/* A basis that is 1 costs no call. */
 static double term_weight(const kc_term_t *t, const kc_ctx_t *ctx, const kc_loads_t *loads)
 {
-    return t->gain * kc_basis_eval(&t->basis[0], ctx, loads) * kc_basis_eval(&t->basis[1], ctx, loads);
+    double weight = t->gain;
+    for (uint32_t b = 0u; b < 2u; b++) {
+        if (t->basis[b].var != (uint8_t)KC_VAR_ONE) { weight *= kc_basis_eval(&t->basis[b], ctx, loads); }
+    }
+    return weight;
 }
 
-/* loads NULL: terms that depend on loads count as zero. */
+static bool is_constant(const kc_term_t *t)
+{
+    return t->basis[0].var == (uint8_t)KC_VAR_ONE && t->basis[1].var == (uint8_t)KC_VAR_ONE;
+}
+
+static bool needs_loads(const kc_term_t *t)
+{
+    return kc_basis_needs_loads(&t->basis[0]) || kc_basis_needs_loads(&t->basis[1]);
+}
+
+/* loads NULL: terms that depend on loads count as zero. weight: of every term, NULL: not wanted. */
 static void sum_twists(const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
-                       const kc_loads_t *loads, twists_t tw)
+                       const kc_loads_t *loads, twists_t tw, double *weight)
 {
     memset(tw, 0, sizeof(twists_t));
-    if (coef == NULL) { return; }
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
-        if (loads == NULL && (kc_basis_needs_loads(&t->basis[0]) || kc_basis_needs_loads(&t->basis[1]))) {
-            continue;
-        }
-        tw[t->frame][t->comp] += coef[t->coef] * term_weight(t, ctx, loads);
+        const double by = value_of(coef, t->coef);
+        const bool moves = !is_zero(by);
+        if ((!moves && weight == NULL) || (loads == NULL && needs_loads(t))) { continue; }
+        const double w = term_weight(t, ctx, loads);
+        if (weight != NULL) { weight[k] = w; }
+        if (moves) { tw[t->frame][t->comp] += by * w; }
     }
 }
 
-/* T <- T E, E = Tx Rx Ty Ry Rz Tz: a screw on x, then y, then z. Both motions of a screw share
- * one line, so its direction and a point on it give both derivatives: rows[axis] <- direction,
- * rows[3 + axis] <- point, for finish_rows. rows NULL: not wanted. */
+/* Whether a term depends on loads that has to be right: it moves the arm, or its derivative may be used. */
+static bool loads_count(const kc_terms_t *terms, const double *coef)
+{
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        const kc_term_t *t = &terms->term[k];
+        if (is_constant(t)) { continue; }
+        const bool counts = terms->coef[t->coef].enabled != 0u || !is_zero(value_of(coef, t->coef));
+        if (counts && needs_loads(t)) { return true; }
+    }
+    return false;
+}
+
+void kc_model_needed_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
+                           const kc_ctx_t *ctx, kc_loads_t *loads)
+{
+    if (loads_count(terms, coef)) {
+        kc_model_loads(arm, terms, coef, ctx, loads);
+    } else {
+        memset(loads, 0, sizeof *loads);
+    }
+}
+
+/* A term that is constant takes a multiplication, another one two functions, and J a row of each. */
+uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, bool want_J)
+{
+    const uint64_t n = arm->n_joints;
+    uint64_t cost = 6000u + 1200u * n + (want_J ? 4000u + 500u * n : 0u), with_loads = 0u;
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        const uint64_t weight = is_constant(&terms->term[k]) ? 60u : 500u;
+        cost += weight + (want_J ? 60u : 0u);
+        with_loads += weight;
+    }
+    return cost + (loads_count(terms, coef) ? with_loads + 4000u + 1700u * n : 0u);
+}
+
+/* Both motions of a screw share one line, so its direction and a point on it give both derivatives: rows[axis] <-
+ * direction, rows[3 + axis] <- point, for finish_rows. rows NULL: not wanted. */
+static void keep_line(const kc_pose_t *T, uint32_t axis, double (*rows)[6])
+{
+    if (rows == NULL) { return; }
+    kc_m3_col(T->R, axis, rows[axis]);
+    kc_v3_copy(T->p_m, rows[3u + axis]);
+}
+
+/* T <- T E, E = Tx Rx Ty Ry Rz Tz: a screw on x, then y, then z. */
 static void apply_twist(kc_pose_t *T, const double tw[6], double (*rows)[6])
 {
     for (uint32_t axis = 0u; axis < 3u; axis++) {
-        if (rows != NULL) {
-            kc_m3_col(T->R, axis, rows[axis]);
-            kc_v3_copy(T->p_m, rows[3u + axis]);
-        }
+        keep_line(T, axis, rows);
         kc_pose_screw(T, axis, tw[axis], tw[3u + axis]);
     }
 }
@@ -57,18 +111,21 @@ static void turn_row(const double axis[3], const double o[3], const double p[3],
     kc_v3_copy(a, row + 3);
 }
 
-/* Directions and points, as apply_twist left them, become derivatives of a pose at p. */
+/* Directions and points, as keep_line left them, become derivatives of a pose at p. */
 static void finish_rows(double (*rows)[6], const double p[3], double sign)
 {
     for (uint32_t axis = 0u; axis < 3u; axis++) {
-        double *shift = rows[axis], *turn = rows[3u + axis];
-        double o[3];
-        kc_v3_copy(turn, o);
-        turn_row(shift, o, p, turn);
-        memset(shift + 3, 0, 3u * sizeof(double));
-        for (uint32_t i = 0u; i < 6u; i++) {
-            shift[i] *= sign;
-            turn[i] *= sign;
+        double line[3], r[3], moved[3];
+        for (uint32_t i = 0u; i < 3u; i++) {
+            line[i] = sign * rows[axis][i];
+            r[i] = p[i] - rows[3u + axis][i];
+        }
+        kc_v3_cross(line, r, moved);
+        for (uint32_t i = 0u; i < 3u; i++) {
+            rows[axis][i] = line[i];
+            rows[axis][3u + i] = 0.0;
+            rows[3u + axis][i] = moved[i];
+            rows[3u + axis][3u + i] = line[i];
         }
     }
 }
@@ -133,7 +190,7 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
     beyond_t all = {0.0, {0.0, 0.0, 0.0}}, payload = {0.0, {0.0, 0.0, 0.0}};
 
     memset(loads, 0, sizeof *loads);
-    sum_twists(terms, coef, ctx, NULL, tw);
+    sum_twists(terms, coef, ctx, NULL, tw, NULL);
     kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, &T);
     for (uint32_t i = 0u; i <= n; i++) {
         if (i > 0u) { kc_arm_link(&arm->joint[i - 1u], ctx->q[i - 1u], &T); }
@@ -160,20 +217,41 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
     }
 }
 
+/* Across a joint: T, before the twist about z of the frame it stands on, goes to the x axis of its link. One screw does
+ * what twist, joint and offset do on one line. */
+static void joint_screw(const kc_joint_t *joint, double q, const double before[6], kc_pose_t *T)
+{
+    const bool turns = joint->type == KC_REVOLUTE;
+    kc_pose_screw(T, 2u, before[2] + joint->d_m + (turns ? 0.0 : q),
+                  before[5] + joint->phi_rad + (turns ? q : 0.0));
+}
+
+/* Along the link and through the twists about x and y of the frame at its end; joint NULL: frame 0 has no link. */
+static void link_screws(const kc_joint_t *joint, const double tw[6], kc_pose_t *T, double (*rows)[6])
+{
+    keep_line(T, 0u, rows);
+    kc_pose_screw(T, 0u, tw[0] + (joint != NULL ? joint->a_m : 0.0),
+                  tw[3] + (joint != NULL ? joint->alpha_rad : 0.0));
+    keep_line(T, 1u, rows);
+    kc_pose_screw(T, 1u, tw[1], tw[4]);
+    keep_line(T, 2u, rows);
+}
+
 /* Pose of the tool, with twist rows and joint rows still as lines (direction, point). */
 static void walk_chain(const kc_arm_t *arm, const kc_ctx_t *ctx, const twists_t tw, bool want_J,
                        kc_eval_t *ev)
 {
     kc_pose_t *T = &ev->T, tool;
     kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, T);
-    for (uint32_t i = 0u; i <= arm->n_joints; i++) {
-        if (i > 0u) {
-            kc_m3_col(T->R, 2u, ev->Jq[i - 1u]);
-            kc_v3_copy(T->p_m, ev->Jq[i - 1u] + 3);
-            kc_arm_link(&arm->joint[i - 1u], ctx->q[i - 1u], T);
-        }
-        apply_twist(T, tw[i], want_J ? &ev->twist[6u * i] : NULL);
+    link_screws(NULL, tw[0], T, want_J ? &ev->twist[0] : NULL);
+    for (uint32_t i = 1u; i <= arm->n_joints; i++) {
+        const kc_joint_t *joint = &arm->joint[i - 1u];
+        kc_m3_col(T->R, 2u, ev->Jq[i - 1u]);
+        kc_v3_copy(T->p_m, ev->Jq[i - 1u] + 3);
+        joint_screw(joint, ctx->q[i - 1u], tw[i - 1u], T);
+        link_screws(joint, tw[i], T, want_J ? &ev->twist[6u * i] : NULL);
     }
+    kc_pose_screw(T, 2u, tw[arm->n_joints][2], tw[arm->n_joints][5]);
     kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
     kc_pose_mul(T, &tool, T);
     apply_twist(T, tw[KC_FRAME_TOOL], want_J ? &ev->twist[6u * KC_FRAME_TOOL] : NULL);
@@ -184,20 +262,21 @@ void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double 
 {
     twists_t tw;
     kc_pose_t T, tool;
-    sum_twists(terms, coef, ctx, loads, tw);
+    sum_twists(terms, coef, ctx, loads, tw, NULL);
     kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, &T);
-    apply_twist(&T, tw[0], NULL);
+    link_screws(NULL, tw[0], &T, NULL);
     for (uint32_t i = 1u; i <= arm->n_joints; i++) {
         const kc_joint_t *joint = &arm->joint[i - 1u];
-        double q = ctx->q[i - 1u];
-        bool slides = joint->type == KC_PRISMATIC;
-        frame[i] = T;
+        const bool slides = joint->type == KC_PRISMATIC;
         along_m[i] = tw[i - 1u][2];
         across_m[i] = tw[i][0];
-        kc_pose_screw(&frame[i], 2u, slides ? q : 0.0, slides ? joint->phi_rad : joint->phi_rad + q);
-        kc_arm_link(joint, q, &T);
-        apply_twist(&T, tw[i], NULL);
+        kc_pose_screw(&T, 2u, tw[i - 1u][2] + (slides ? ctx->q[i - 1u] : 0.0),
+                      tw[i - 1u][5] + joint->phi_rad + (slides ? 0.0 : ctx->q[i - 1u]));
+        frame[i] = T;
+        kc_pose_screw(&T, 2u, joint->d_m, 0.0);
+        link_screws(joint, tw[i], &T, NULL);
     }
+    kc_pose_screw(&T, 2u, tw[arm->n_joints][2], tw[arm->n_joints][5]);
     along_m[0] = 0.0;
     across_m[0] = 0.0;
     kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
@@ -221,71 +300,101 @@ static void finish_joint_rows(const kc_arm_t *arm, kc_eval_t *ev)
 }
 
 /* J[c] += weight x twist row, for the terms on the arm or on the camera side. */
-static void add_coef_rows(const kc_terms_t *terms, const kc_ctx_t *ctx, const kc_loads_t *loads,
-                          bool camera_side, kc_eval_t *ev)
+static void add_coef_rows(const kc_terms_t *terms, const double *weight, bool camera_side, kc_eval_t *ev)
 {
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
-        if ((t->frame >= KC_FRAME_CAMERA) != camera_side) { continue; }
-        const double w = term_weight(t, ctx, loads);
+        const double w = weight[k];
+        if ((t->frame >= KC_FRAME_CAMERA) != camera_side || is_zero(w)) { continue; }
         const double *row = ev->twist[6u * t->frame + t->comp];
         for (uint32_t i = 0u; i < 6u; i++) { ev->J[t->coef][i] += w * row[i]; }
     }
 }
 
+/* With J of the arm's side if weights are given. */
 static void eval_with(const kc_arm_t *arm, const kc_terms_t *terms, const twists_t tw, const kc_ctx_t *ctx,
-                      const kc_loads_t *loads, bool want_J, kc_eval_t *ev)
+                      const double *weight, kc_eval_t *ev)
 {
-    memset(ev, 0, sizeof *ev);
-    walk_chain(arm, ctx, tw, want_J, ev);
+    walk_chain(arm, ctx, tw, weight != NULL, ev);
     finish_joint_rows(arm, ev);
-    if (!want_J) { return; }
+    if (weight == NULL) { return; }
+    memset(ev->J, 0, terms->n_coef * sizeof ev->J[0]);
     for (uint32_t f = 0u; f <= arm->n_joints; f++) { finish_rows(&ev->twist[6u * f], ev->T.p_m, 1.0); }
     finish_rows(&ev->twist[6u * KC_FRAME_TOOL], ev->T.p_m, 1.0);
-    add_coef_rows(terms, ctx, loads, false, ev);
+    add_coef_rows(terms, weight, false, ev);
 }
 
 void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                    const kc_loads_t *loads, bool want_J, kc_eval_t *ev)
 {
     twists_t tw;
-    sum_twists(terms, coef, ctx, loads, tw);
-    eval_with(arm, terms, tw, ctx, loads, want_J, ev);
+    double weight[KC_TERM_MAX];
+    sum_twists(terms, coef, ctx, loads, tw, want_J ? weight : NULL);
+    eval_with(arm, terms, tw, ctx, want_J ? weight : NULL, ev);
+    if (want_J) { memset(ev->twist[6u * KC_FRAME_CAMERA], 0, 12u * sizeof ev->twist[0]); }
 }
 
-/* Measured pose with the camera-side corrections, and their twist rows (model - measured). */
-static void correct_measured(const kc_obs_t *obs, const twists_t tw, kc_pose_t *M, kc_eval_t *ev)
+/* Measured pose with the camera-side corrections, and their twist rows (model - measured; NULL: not wanted). */
+static void correct_measured(const kc_obs_t *obs, const twists_t tw, kc_pose_t *M, double (*rows)[6])
 {
     kc_pose_t C, measured;
     kc_pose_from_quat(obs->p_cam_m, obs->q_cam_wxyz, &C);
     kc_pose_inv(&C, &measured);
     kc_pose_mul(&measured, M, &measured); /* T_cam_tool as measured */
-    apply_twist(&C, tw[KC_FRAME_CAMERA], &ev->twist[6u * KC_FRAME_CAMERA]);
+    apply_twist(&C, tw[KC_FRAME_CAMERA], rows);
     kc_pose_mul(&C, &measured, M);
-    apply_twist(M, tw[KC_FRAME_MEAS], &ev->twist[6u * KC_FRAME_MEAS]);
-    finish_rows(&ev->twist[6u * KC_FRAME_CAMERA], M->p_m, -1.0);
-    finish_rows(&ev->twist[6u * KC_FRAME_MEAS], M->p_m, -1.0);
+    apply_twist(M, tw[KC_FRAME_MEAS], rows != NULL ? &rows[6] : NULL);
+    if (rows == NULL) { return; }
+    finish_rows(rows, M->p_m, -1.0);
+    finish_rows(&rows[6], M->p_m, -1.0);
+}
+
+/* The pose that the observation says. */
+static void observed(const kc_obs_t *obs, const kc_eval_t *ev, kc_pose_t *M)
+{
+    if (obs->has_rot) {
+        kc_pose_from_quat(obs->p_m, obs->q_wxyz, M);
+    } else {
+        *M = ev->T;
+        kc_v3_copy(obs->p_m, M->p_m);
+    }
+}
+
+static uint32_t difference(const kc_obs_t *obs, const kc_pose_t *M, const kc_eval_t *ev, double r[6])
+{
+    kc_pose_residual(M, &ev->T, r);
+    if (obs->has_rot) { return 6u; }
+    memset(r + 3, 0, 3u * sizeof(double));
+    return 3u;
 }
 
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_obs_t *obs, const kc_loads_t *loads, double r[6], kc_eval_t *ev)
 {
     twists_t tw;
+    double weight[KC_TERM_MAX];
+    double(*rows)[6] = &ev->twist[6u * KC_FRAME_CAMERA];
     kc_pose_t M;
-    sum_twists(terms, coef, &obs->ctx, loads, tw);
-    eval_with(arm, terms, tw, &obs->ctx, loads, true, ev);
-    if (obs->has_rot) {
-        kc_pose_from_quat(obs->p_m, obs->q_wxyz, &M);
-    } else {
-        M = ev->T;
-        kc_v3_copy(obs->p_m, M.p_m);
-    }
+    sum_twists(terms, coef, &obs->ctx, loads, tw, weight);
+    eval_with(arm, terms, tw, &obs->ctx, weight, ev);
+    observed(obs, ev, &M);
     if (obs->has_cam) {
-        correct_measured(obs, tw, &M, ev);
-        add_coef_rows(terms, &obs->ctx, loads, true, ev);
+        correct_measured(obs, tw, &M, rows);
+        add_coef_rows(terms, weight, true, ev);
+    } else {
+        memset(rows, 0, 12u * sizeof *rows);
     }
-    kc_pose_residual(&M, &ev->T, r);
-    if (obs->has_rot) { return 6u; }
-    memset(r + 3, 0, 3u * sizeof(double));
-    return 3u;
+    return difference(obs, &M, ev, r);
+}
+
+uint32_t kc_model_miss(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_obs_t *obs,
+                       const kc_loads_t *loads, double r[6], kc_eval_t *ev)
+{
+    twists_t tw;
+    kc_pose_t M;
+    sum_twists(terms, coef, &obs->ctx, loads, tw, NULL);
+    eval_with(arm, terms, tw, &obs->ctx, NULL, ev);
+    observed(obs, ev, &M);
+    if (obs->has_cam) { correct_measured(obs, tw, &M, NULL); }
+    return difference(obs, &M, ev, r);
 }

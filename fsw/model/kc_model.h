@@ -34,15 +34,20 @@ typedef struct {
     double J[KC_COEF_MAX][6]; /* d pose / d coefficient */
 } kc_eval_t;
 
-/* Bound of the instructions of kc_model_loads together with kc_model_eval (want_J as there), kc_model_residual
- * (want_J = 1) or kc_model_frames (0). */
-uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, bool want_J);
+/* Bound of the instructions of kc_model_needed_loads together with kc_model_eval (want_J as there), kc_model_residual
+ * (want_J = 1), kc_model_miss or kc_model_frames (0). coef: the coefficients, or those of them that are not enabled. */
+uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, bool want_J);
 
 /* Gravity torques, moments and levers with the coefficients `coef` (NULL: all zero). Bases that
  * depend on loads count as zero here: loads are those of the chain without load-dependent
  * corrections, which differ at second order. */
 void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                     kc_loads_t *loads);
+
+/* The same where a term depends on them whose coefficient is enabled or not 0. Else they are zero, and cost nothing: no
+ * pose depends on them, only J of what is not estimated. */
+void kc_model_needed_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
+                           const kc_ctx_t *ctx, kc_loads_t *loads);
 
 /* Corrected pose, joint Jacobian and coefficient Jacobian at fixed loads (the derivative
  * through the loads is second order and left out; Gauss-Newton re-evaluates them).
@@ -64,5 +69,8 @@ void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double 
  * of the model). Returns rows. */
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_obs_t *obs, const kc_loads_t *loads, double r[6], kc_eval_t *ev);
+/* The same without J and twist. */
+uint32_t kc_model_miss(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_obs_t *obs,
+                       const kc_loads_t *loads, double r[6], kc_eval_t *ev);
 
 #endif

@@ -33,10 +33,16 @@ double kc_dls_predicted(const double Jq[][6], uint32_t n, const double e[6], con
     return kc_dls_cost(left);
 }
 
-static double weighted_dot(const double a[6], const double b[6])
+/* Squared weights times a, for sums of products with other columns. */
+static void weigh(const double a[6], double out[6])
+{
+    for (uint32_t r = 0u; r < 6u; r++) { out[r] = weight(r) * weight(r) * a[r]; }
+}
+
+static double dot6(const double a[6], const double b[6])
 {
     double sum = 0.0;
-    for (uint32_t r = 0u; r < 6u; r++) { sum += weight(r) * weight(r) * a[r] * b[r]; }
+    for (uint32_t r = 0u; r < 6u; r++) { sum += a[r] * b[r]; }
     return sum;
 }
 
@@ -57,10 +63,11 @@ static kc_status_t solve_free(const double Jq[][6], uint32_t n, const double e[6
     if (m == 0u) { return KC_OK; }
     remaining(Jq, n, e, dq, left);
     for (uint32_t i = 0u; i < m; i++) {
-        b[i] = weighted_dot(Jq[idx[i]], left);
+        double weighed[6];
+        weigh(Jq[idx[i]], weighed);
+        b[i] = dot6(weighed, left);
         for (uint32_t k = 0u; k <= i; k++) {
-            A[i * KC_JOINT_MAX + k] = weighted_dot(Jq[idx[i]], Jq[idx[k]]) +
-                                      (i == k ? damping * damping : 0.0);
+            A[i * KC_JOINT_MAX + k] = dot6(weighed, Jq[idx[k]]) + (i == k ? damping * damping : 0.0);
         }
     }
     if (kc_la_chol(A, m, KC_JOINT_MAX) != KC_OK) { return KC_ERR_NUM; }
@@ -120,7 +127,7 @@ void kc_dls_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coe
     memset(&ctx, 0, sizeof ctx);
     memcpy(ctx.q, q, arm->n_joints * sizeof *q);
     memcpy(ctx.g_m_s2, arm->gravity_m_s2, sizeof ctx.g_m_s2);
-    kc_model_loads(arm, terms, coef, &ctx, &loads);
+    kc_model_needed_loads(arm, terms, coef, &ctx, &loads);
     kc_model_eval(arm, terms, coef, &ctx, &loads, false, work);
 }
 

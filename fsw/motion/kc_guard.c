@@ -88,15 +88,23 @@ static double to_box(const double a[3], const double u[3], const double half[3])
     return kc_min(at_hi, beyond_box(p, half, out));
 }
 
-/* Axis of a body from a to a + u. */
+/* Axis of a body from a to a + u, with its middle. */
 typedef struct {
-    double a[3], u[3], half_m;
+    double a[3], u[3], mid[3], half_m;
 } axis_t;
+
+static void find_middle(axis_t *axis)
+{
+    kc_v3_copy(axis->a, axis->mid);
+    kc_v3_add_scaled(axis->mid, 0.5, axis->u, axis->mid);
+    axis->half_m = 0.5 * kc_v3_norm(axis->u);
+}
 
 /* Instructions; tests/bench/wcet.c compares them with what is executed. */
 static const uint64_t s_volume_cost[] = {
-    [KC_VOL_BELOW] = 100u, [KC_VOL_BOX] = 400u, [KC_VOL_CAPSULE] = 900u, [KC_VOL_SPHERE] = 300u};
+    [KC_VOL_BELOW] = 100u, [KC_VOL_BOX] = 400u, [KC_VOL_CAPSULE] = 250u, [KC_VOL_SPHERE] = 300u};
 #define BOX_COST 5000u  /* more, for the distance of one that may be the nearest */
+#define CAPSULE_COST 900u
 #define AXES_COST 2000u /* both axes of a body */
 #define PAIR_COST 800u
 #define PART_COST 1200u  /* more, for each distance of a pair */
@@ -106,9 +114,7 @@ static const uint64_t s_volume_cost[] = {
 static double axis_at_least(const axis_t *one, const axis_t *two)
 {
     double d[3];
-    kc_v3_sub(one->a, two->a, d);
-    kc_v3_add_scaled(d, 0.5, one->u, d);
-    kc_v3_add_scaled(d, -0.5, two->u, d);
+    kc_v3_sub(one->mid, two->mid, d);
     return kc_v3_norm(d) - one->half_m - two->half_m - ROUNDING_M;
 }
 
@@ -117,9 +123,18 @@ static double box_at_least(const kc_volume_t *v, const axis_t *axis)
     double p[3], half[3], mid[3], out[3];
     widen(v->p_m, p);
     widen(v->size_m, half);
-    kc_v3_add_scaled(axis->a, 0.5, axis->u, mid);
-    kc_v3_sub(mid, p, mid);
+    kc_v3_sub(axis->mid, p, mid);
     return beyond_box(mid, half, out) - axis->half_m - ROUNDING_M;
+}
+
+static double capsule_at_least(const kc_volume_t *v, const axis_t *axis)
+{
+    axis_t other;
+    widen(v->p_m, other.a);
+    widen(v->size_m, other.u);
+    kc_v3_sub(other.u, other.a, other.u);
+    find_middle(&other);
+    return axis_at_least(axis, &other) - (double)v->radius_m;
 }
 
 /* From the axis a + s u of a body to the volume. */
@@ -155,17 +170,30 @@ static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], boo
     }
 }
 
-/* Both axes of every body: with its frame where the move along the axis ends, and where it began. */
-static void find_axes(const kc_guard_arm_t *g, axis_t axes[KC_BODY_MAX][2])
+/* Different axes of a body: one if an error along the joint's axis has one place, of the tool or a link with a length
+ * there. */
+static uint32_t count_axes(const kc_arm_t *arm, const kc_body_t *body)
+{
+    return body->frame == 0u || kc_fabs(arm->joint[body->frame - 1u].d_m) > 0.0 ? 1u : 2u;
+}
+
+/* Both axes of every body, or the one: with its frame where the move along the axis ends, and where it began. */
+typedef struct {
+    axis_t axis[KC_BODY_MAX][2];
+    uint32_t n[KC_BODY_MAX];
+} axes_t;
+
+static void find_axes(const kc_guard_arm_t *g, axes_t *axes)
 {
     for (uint32_t b = 0u; b < g->space->n_body; b++) {
         const kc_body_t *body = &g->space->body[b];
-        for (uint32_t e = 0u; e < 2u; e++) {
-            axis_t *axis = &axes[b][e];
+        axes->n[b] = count_axes(g->arm, body);
+        for (uint32_t e = 0u; e < axes->n[b]; e++) {
+            axis_t *axis = &axes->axis[b][e];
             place_end(g, body->frame, body->start_m, e == 1u, axis->a);
             place_end(g, body->frame, body->end_m, e == 1u, axis->u);
             kc_v3_sub(axis->u, axis->a, axis->u);
-            axis->half_m = 0.5 * kc_v3_norm(axis->u);
+            find_middle(axis);
         }
     }
 }
@@ -185,20 +213,19 @@ static void take_nearer(nearest_t *n, double d, uint32_t body, uint32_t met)
     n->met = met;
 }
 
-static void between_bodies(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2], uint32_t i, uint32_t k,
-                           nearest_t *n)
+static void between_bodies(const kc_space_t *s, const axes_t *axes, uint32_t i, uint32_t k, nearest_t *n)
 {
     double radii = (double)s->body[i].radius_m + (double)s->body[k].radius_m;
     n->cost += PAIR_COST;
-    for (uint32_t e = 0u; e < 4u; e++) {
-        const axis_t *one = &axes[i][e / 2u], *two = &axes[k][e % 2u];
+    for (uint32_t e = 0u; e < axes->n[i] * axes->n[k]; e++) {
+        const axis_t *one = &axes->axis[i][e / axes->n[k]], *two = &axes->axis[k][e % axes->n[k]];
         if (axis_at_least(one, two) - radii >= n->d) { continue; }
         n->cost += PART_COST;
         take_nearer(n, to_segment(one->a, one->u, two->a, two->u) - radii, i, k);
     }
 }
 
-static void nearest_body(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2], nearest_t *n)
+static void nearest_body(const kc_space_t *s, const axes_t *axes, nearest_t *n)
 {
     for (uint32_t i = 1u; i < s->n_body; i++) {
         for (uint32_t k = 0u; k < i; k++) {
@@ -207,24 +234,33 @@ static void nearest_body(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2],
     }
 }
 
+/* Lower bound of the distance, and what computing the distance itself costs, where both are worth it. */
+static double at_least(const kc_volume_t *v, const axis_t *axis, uint64_t *cost)
+{
+    switch (v->kind) {
+    case KC_VOL_BOX: *cost = BOX_COST; return box_at_least(v, axis);
+    case KC_VOL_CAPSULE: *cost = CAPSULE_COST; return capsule_at_least(v, axis);
+    default: *cost = 0u; return -KC_INF;
+    }
+}
+
 static void to_volume(const kc_space_t *s, const axis_t *axis, uint32_t body, uint32_t volume, nearest_t *n)
 {
     const kc_volume_t *v = &s->volume[volume];
     double radius = (double)s->body[body].radius_m;
+    uint64_t more;
     n->cost += s_volume_cost[v->kind];
-    if (v->kind == KC_VOL_BOX) {
-        if (box_at_least(v, axis) - radius >= n->d) { return; }
-        n->cost += BOX_COST;
-    }
+    if (at_least(v, axis, &more) - radius >= n->d) { return; }
+    n->cost += more;
     take_nearer(n, axis_to(v, axis->a, axis->u) - radius, body, volume);
 }
 
-static void nearest_volume(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2], nearest_t *n)
+static void nearest_volume(const kc_space_t *s, const axes_t *axes, nearest_t *n)
 {
     for (uint32_t k = 0u; k < 2u * s->n_body; k++) {
         uint32_t b = k / 2u;
-        for (uint32_t v = 0u; v < s->n_volume; v++) {
-            if ((s->volume[v].excluded >> b & 1u) == 0u) { to_volume(s, &axes[b][k % 2u], b, v, n); }
+        for (uint32_t v = 0u; v < s->n_volume && k % 2u < axes->n[b]; v++) {
+            if ((s->volume[v].excluded >> b & 1u) == 0u) { to_volume(s, &axes->axis[b][k % 2u], b, v, n); }
         }
     }
 }
@@ -240,19 +276,19 @@ static double answer(const nearest_t *n, uint32_t *body, uint32_t *met)
 
 double kc_guard_self_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *other)
 {
-    axis_t axes[KC_BODY_MAX][2];
+    axes_t axes;
     nearest_t n = {.d = KC_INF};
-    find_axes(g, axes);
-    nearest_body(g->space, axes, &n);
+    find_axes(g, &axes);
+    nearest_body(g->space, &axes, &n);
     return answer(&n, body, other);
 }
 
 double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *volume)
 {
-    axis_t axes[KC_BODY_MAX][2];
+    axes_t axes;
     nearest_t n = {.d = KC_INF};
-    find_axes(g, axes);
-    nearest_volume(g->space, axes, &n);
+    find_axes(g, &axes);
+    nearest_volume(g->space, &axes, &n);
     return answer(&n, body, volume);
 }
 
@@ -318,23 +354,23 @@ static uint64_t near_at(const kc_guard_request_t *request, double part, kc_guard
     kc_guard_arm_t g = {.arm = request->arm, .space = request->space};
     kc_ctx_t ctx = *request->ctx;
     kc_loads_t loads;
-    axis_t axes[KC_BODY_MAX][2];
+    axes_t axes;
     nearest_t n[2] = {{.d = KC_INF}, {.d = KC_INF}};
     for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
         ctx.q[j] = request->q_from[j] + part * (request->q_to[j] - request->q_from[j]);
     }
-    kc_model_loads(request->arm, request->terms, request->coef, &ctx, &loads);
+    kc_model_needed_loads(request->arm, request->terms, request->coef, &ctx, &loads);
     kc_model_frames(request->arm, request->terms, request->coef, &ctx, &loads, g.frame, g.along_m,
                     g.across_m);
-    find_axes(&g, axes);
-    nearest_volume(g.space, axes, &n[0]);
-    nearest_body(g.space, axes, &n[1]);
+    find_axes(&g, &axes);
+    nearest_volume(g.space, &axes, &n[0]);
+    nearest_body(g.space, &axes, &n[1]);
     for (uint32_t i = 0u; i < 2u; i++) {
         near->d[i] = n[i].d;
         near->why[i] = (kc_guard_reason_t){(int32_t)n[i].body, -n[i].d, (double)n[i].met};
     }
-    return kc_model_cost(request->arm, request->terms, false) + AXES_COST * g.space->n_body + n[0].cost +
-           n[1].cost;
+    return kc_model_cost(request->arm, request->terms, request->coef, false) + AXES_COST * g.space->n_body +
+           n[0].cost + n[1].cost;
 }
 
 static bool is_local_pose(const kc_space_t *s, uint32_t node)
@@ -414,16 +450,18 @@ static uint64_t next_posture(const kc_guard_request_t *request, kc_guard_job_t *
 static uint64_t posture_cost(const kc_guard_request_t *request)
 {
     const kc_space_t *s = request->space;
-    uint64_t cost = kc_model_cost(request->arm, request->terms, false);
+    uint64_t cost = kc_model_cost(request->arm, request->terms, request->coef, false);
     for (uint32_t b = 0u; b < s->n_body; b++) {
+        const uint32_t n = count_axes(request->arm, &s->body[b]);
         cost += AXES_COST;
         for (uint32_t v = 0u; v < s->n_volume; v++) {
-            uint64_t one = s_volume_cost[s->volume[v].kind] +
-                           (s->volume[v].kind == KC_VOL_BOX ? BOX_COST : 0u);
-            cost += (s->volume[v].excluded >> b & 1u) != 0u ? 0u : 2u * one;
+            const uint8_t kind = s->volume[v].kind;
+            const uint64_t more = kind == KC_VOL_BOX ? BOX_COST : kind == KC_VOL_CAPSULE ? CAPSULE_COST : 0u;
+            cost += (s->volume[v].excluded >> b & 1u) != 0u ? 0u : n * (s_volume_cost[kind] + more);
         }
         for (uint32_t k = 0u; k < b; k++) {
-            cost += (s->body[b].collision_pairs >> k & 1u) * (PAIR_COST + 4u * PART_COST);
+            const uint64_t parts = n * (uint64_t)count_axes(request->arm, &s->body[k]);
+            cost += (s->body[b].collision_pairs >> k & 1u) * (PAIR_COST + parts * PART_COST);
         }
     }
     return cost;

@@ -214,7 +214,7 @@ void kc_move_goal(const kc_space_t *space, uint32_t cand, kc_pose_t *T)
 
 uint64_t kc_move_joints_cost(const kc_view_t *view, uint32_t n)
 {
-    return n * (kc_model_cost(&view->tables->arm, &view->tables->terms, false) + 10000u);
+    return n * (kc_model_cost(&view->tables->arm, &view->tables->terms, view->learned->coef, false) + 10000u);
 }
 
 uint64_t kc_move_begin_cost(const kc_view_t *view)

@@ -45,7 +45,7 @@ static void pose(const kc_view_t *view, const double *coef, const kc_ctx_t *ctx,
     const kc_active_t *a = view->tables;
     kc_loads_t loads;
     kc_eval_t eval;
-    kc_model_loads(&a->arm, &a->terms, coef, ctx, &loads);
+    kc_model_needed_loads(&a->arm, &a->terms, coef, ctx, &loads);
     kc_model_eval(&a->arm, &a->terms, coef, ctx, &loads, false, &eval);
     *T = eval.T;
 }

@@ -538,10 +538,10 @@ def flight_rank(J, tol=1e-7):
     n, ld = J.shape[1], lib.KC_COEF_MAX + 1
     R = np.zeros((n, ld))
     for start in range(0, len(J), 6):
-        block = np.zeros((6, ld))
+        block = np.zeros((ld, 6))
         part = J[start : start + 6]
-        block[: len(part), :n] = part
-        lib.kc_la_fold(pointer(R), n, ld, pointer(block), len(part), ld)
+        block[:n, : len(part)] = part.T
+        lib.kc_la_fold(pointer(R), n, ld, pointer(block))
     scale, pivot = column_scale(J), np.zeros(n)
     perm, rank = ffi.new("uint32_t[]", n), ffi.new("uint32_t *")
     lib.kc_la_rank(pointer(R), n, ld, pointer(scale), tol, perm, pointer(pivot), rank)

@@ -179,9 +179,9 @@ void test_what_the_data_leave_less_certain_than_its_scale_is_not_determined(void
     for (uint32_t i = 0u; i < sizeof a / sizeof a[0]; i++) {
         for (uint32_t swapped = 0u; swapped < 2u; swapped++) {
             given_session(&s_est, &s_arm, &s_terms, s_truth, 0u, 0.0);
-            s_est.n_idx = 2u;
-            s_est.idx[0] = 5u;
-            s_est.idx[1] = 9u;
+            s_est.n_column = 2u;
+            s_est.column[0] = 5u;
+            s_est.column[1] = 9u;
             s_terms.coef[5].scale = 0.5;
             s_terms.coef[9].scale = 0.25;
             s_est.R[0] = (swapped != 0u ? 5.0 : a[i]) / 0.5; /* (5, 0) and (0.6 a, 0.8 a) are the same */

@@ -145,18 +145,20 @@ void test_a_repeated_row_breaks_the_packed_factor_and_leaves_the_rest(void)
 /* R'R and R'z after folding rows = sums over the rows; |rest|^2 = what least squares leaves. */
 void test_folding_rows_keeps_the_normal_equations(void)
 {
-    const uint32_t n = 5u, ld = 8u, ldb = 7u;
+    const uint32_t n = 5u, ld = 8u;
     double R[5 * 8] = {0.0}, M[36] = {0.0}, rest = 0.0;
     for (uint32_t i = 1u; i < n; i++) { R[i * ld] = 555.0; } /* below the diagonal: not read */
     for (uint32_t rows = 1u; rows <= 6u; rows++) {
-        double blk[6 * 7];
-        for (uint32_t i = 0u; i < rows * ldb; i++) { blk[i] = uniform(); }
+        double blk[6][6]; /* column after column; rows that are missing are zero */
+        for (uint32_t i = 0u; i <= n; i++) {
+            for (uint32_t r = 0u; r < 6u; r++) { blk[i][r] = r < rows ? uniform() : 0.0; }
+        }
         for (uint32_t r = 0u; r < rows; r++) {
             for (uint32_t i = 0u; i <= n; i++) {
-                for (uint32_t j = 0u; j <= n; j++) { M[i * 6u + j] += blk[r * ldb + i] * blk[r * ldb + j]; }
+                for (uint32_t j = 0u; j <= n; j++) { M[i * 6u + j] += blk[i][r] * blk[j][r]; }
             }
         }
-        rest += kc_la_fold(R, n, ld, blk, rows, ldb);
+        rest += kc_la_fold(R, n, ld, blk[0]);
     }
     for (uint32_t i = 0u; i <= n; i++) {
         for (uint32_t j = i; j <= n; j++) {
@@ -168,11 +170,44 @@ void test_folding_rows_keeps_the_normal_equations(void)
     TEST_ASSERT_EQUAL_DOUBLE(555.0, R[4u * ld]);
 }
 
+/* As if only the columns that stay had been folded: the same normal equations, upper triangular. */
+void test_taking_columns_forgets_the_others(void)
+{
+    static const uint32_t keep[][3] = {{1u, 3u, 4u}, {0u, 1u, 2u}, {2u, 3u, 4u}, {0u, 2u, 4u}};
+    const uint32_t n = 5u, ld = 8u, m = 3u;
+    for (uint32_t set = 0u; set < sizeof keep / sizeof keep[0]; set++) {
+        double R[5 * 8] = {0.0}, before[5 * 8];
+        for (uint32_t i = 0u; i < n; i++) {
+            for (uint32_t j = 0u; j <= n; j++) { R[i * ld + j] = j >= i ? uniform() : 555.0; }
+        }
+        memcpy(before, R, sizeof R);
+        kc_la_take_columns(R, n, ld, keep[set], m);
+        for (uint32_t i = 0u; i < m; i++) {
+            for (uint32_t j = i; j <= m; j++) {
+                const uint32_t a = keep[set][i], b = j < m ? keep[set][j] : n;
+                double want = 0.0, got = 0.0;
+                for (uint32_t k = 0u; k <= a; k++) { want += before[k * ld + a] * before[k * ld + b]; }
+                for (uint32_t k = 0u; k <= i; k++) { got += R[k * ld + i] * R[k * ld + j]; }
+                TEST_ASSERT_DOUBLE_WITHIN(1e-13, want, got);
+            }
+        }
+    }
+}
+
+void test_taking_a_column_of_zeros_changes_nothing(void)
+{
+    double R[2 * 3] = {0.0, 0.0, 3.0, 0.0, 0.0, 5.0};
+    const uint32_t keep[1] = {1u};
+    kc_la_take_columns(R, 2u, 3u, keep, 1u);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, R[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, R[1]);
+}
+
 void test_folding_zeros_changes_nothing(void)
 {
-    double R[2 * 3] = {1.0, 2.0, 3.0, 0.0, 4.0, 5.0}, blk[2 * 3] = {0.0};
+    double R[2 * 3] = {1.0, 2.0, 3.0, 0.0, 4.0, 5.0}, blk[3 * 6] = {0.0};
     const double want[6] = {1.0, 2.0, 3.0, 0.0, 4.0, 5.0};
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_la_fold(R, 2u, 3u, blk, 2u, 3u));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_la_fold(R, 2u, 3u, blk));
     TEST_ASSERT_EQUAL_MEMORY(want, R, sizeof want);
 }
 
@@ -183,8 +218,8 @@ void test_a_column_that_is_almost_zero_spoils_nothing(void)
     static const double tiny[] = {1e-154, 3e-158, 1e-161, 5e-324};
     for (uint32_t i = 0u; i < sizeof tiny / sizeof tiny[0]; i++) {
         double R[2 * 3] = {0.0}, x[2] = {0.0, 0.0};
-        double blk[2 * 3] = {tiny[i], 2.0, 2.0, -tiny[i], 1.0, 1.0};
-        const double rest = kc_la_fold(R, 2u, 3u, blk, 2u, 3u);
+        double blk[3 * 6] = {[0] = tiny[i], [1] = -tiny[i], [6] = 2.0, [7] = 1.0, [12] = 2.0, [13] = 1.0};
+        const double rest = kc_la_fold(R, 2u, 3u, blk);
         TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.0, rest);
         TEST_ASSERT_DOUBLE_WITHIN(1e-15, sqrt(5.0), fabs(R[4]));
         TEST_ASSERT_DOUBLE_WITHIN(1e-15, 1.0, R[5] / R[4]);
@@ -199,13 +234,17 @@ void test_a_column_that_is_almost_zero_spoils_nothing(void)
 
 void test_upper_solves_and_products_undo_each_other(void)
 {
-    double x[N], y[N + 1u], z[N];
-    y[N] = 77.0;
+    double x[N], y[N + 1u], z[N], side[6u * N + 1u];
+    y[N] = side[6u * N] = 77.0;
     given_upper(N);
     for (uint32_t i = 0u; i < N; i++) { x[i] = uniform(); }
     kc_la_upper_t_mul(s_A, N, LD, x, y);
-    kc_la_solve_upper_t(s_A, N, LD, y);
-    for (uint32_t i = 0u; i < N; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-11, x[i], y[i]); }
+    for (uint32_t i = 0u; i < 6u * N; i++) { side[i] = y[i / 6u] * (1.0 + (double)(i % 6u)); }
+    kc_la_solve_upper_t(s_A, N, LD, side);
+    for (uint32_t i = 0u; i < 6u * N; i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-10, x[i / 6u] * (1.0 + (double)(i % 6u)), side[i]);
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(77.0, side[6u * N]);
     for (uint32_t i = 0u; i < N; i++) {
         z[i] = 0.0;
         for (uint32_t j = i; j < N; j++) { z[i] += s_A[i * LD + j] * x[j]; }
@@ -218,13 +257,28 @@ void test_upper_solves_and_products_undo_each_other(void)
 void test_the_covariance_inverts_the_information(void)
 {
     static double H[LD * LD];
+    uint32_t all[N];
     given_upper(N);
+    for (uint32_t i = 0u; i < N; i++) { all[i] = i; }
     for (uint32_t i = 0u; i < LD * LD; i++) { H[i] = 77.0; }
-    kc_la_upper_gram(s_A, N, LD, H, LD);
+    kc_la_upper_gram(s_A, LD, all, N, H, LD);
     for (uint32_t i = 0u; i < LD; i++) { TEST_ASSERT_EQUAL_DOUBLE(77.0, H[N * LD + i]); }
     s_A[N * LD + N] = 0.0; /* not part of it */
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_upper_cov(s_A, N, LD, s_C, LD));
     assert_inverse(H, s_C);
+}
+
+void test_the_gram_matrix_of_some_columns(void)
+{
+    static double H[LD * LD];
+    double some[9];
+    const uint32_t at[3] = {0u, 2u, 5u};
+    uint32_t all[N];
+    given_upper(N);
+    for (uint32_t i = 0u; i < N; i++) { all[i] = i; }
+    kc_la_upper_gram(s_A, LD, all, N, H, LD);
+    kc_la_upper_gram(s_A, LD, at, 3u, some, 3u);
+    for (uint32_t i = 0u; i < 9u; i++) { TEST_ASSERT_EQUAL_DOUBLE(H[at[i / 3u] * LD + at[i % 3u]], some[i]); }
 }
 
 void test_no_covariance_of_a_singular_factor(void)
@@ -331,7 +385,7 @@ void test_nothing_has_rank_zero(void)
 
 void test_whitening_makes_the_covariance_the_identity(void)
 {
-    double cov[36] = {0.0}, W[36], v[6], w[6];
+    double cov[36] = {0.0}, W[36], v[6] = {0.0}, w[6];
     for (uint32_t i = 0u; i < 6u; i++) {
         for (uint32_t j = 0u; j < 6u; j++) {
             for (uint32_t k = 0u; k < 6u; k++) { cov[6u * i + j] += s_A[i * LD + k] * s_A[j * LD + k]; }
@@ -345,12 +399,12 @@ void test_whitening_makes_the_covariance_the_identity(void)
         }
         for (uint32_t i = 0u; i < m; i++) {
             for (uint32_t j = 0u; j < m; j++) { v[j] = cov[6u * i + j]; }
-            kc_la_whiten_apply(W, m, v, v); /* in place: row i of cov W' */
+            kc_la_whiten_apply(W, v, v); /* in place: row i of cov W' */
             for (uint32_t k = 0u; k < m; k++) { s_C[i * LD + k] = v[k]; }
         }
         for (uint32_t k = 0u; k < m; k++) {
             for (uint32_t i = 0u; i < m; i++) { v[i] = s_C[i * LD + k]; }
-            kc_la_whiten_apply(W, m, v, w);
+            kc_la_whiten_apply(W, v, w);
             for (uint32_t i = 0u; i < m; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, i == k ? 1.0 : 0.0, w[i]); }
         }
     }
@@ -370,14 +424,20 @@ void test_whitening_refuses_a_covariance_that_is_none(void)
 
 void test_small_products_are_what_they_say(void)
 {
-    const uint32_t m = 4u, ldj = 6u;
-    double J[N * 6], C[16], out[N * 4];
+    const uint32_t m = 4u, ldj = 6u, at[3] = {1u, 4u, 6u};
+    double J[N * 6], part[3 * 6], C[36], P[36], out[N * 4];
     given_definite();
     for (uint32_t i = 0u; i < N * 6u; i++) { J[i] = uniform(); }
     kc_la_mul(s_B, N, LD, J, m, ldj, out);
-    kc_la_congruence(s_B, N, LD, J, m, ldj, C);
     memcpy(s_C, s_B, sizeof s_C);
-    kc_la_rank_update(s_C, N, LD, J, m, ldj, -0.5);
+    for (uint32_t i = 0u; i < N; i++) { /* the upper triangle is not read */
+        for (uint32_t j = i + 1u; j < N; j++) { s_C[i * LD + j] = 555.0; }
+    }
+    kc_la_congruence(s_C, N, LD, J, C);
+    for (uint32_t i = 0u; i < 18u; i++) { part[i] = J[6u * at[i / 6u] + i % 6u]; }
+    kc_la_congruence_at(s_C, LD, at, 3u, part, P);
+    kc_la_rank_update(s_C, N, LD, J);
+    kc_la_mirror(s_C, N, LD);
     for (uint32_t i = 0u; i < N; i++) {
         for (uint32_t c = 0u; c < m; c++) {
             double s = 0.0;
@@ -386,18 +446,25 @@ void test_small_products_are_what_they_say(void)
         }
         for (uint32_t j = 0u; j < N; j++) {
             double s = s_B[i * LD + j];
-            for (uint32_t c = 0u; c < m; c++) { s -= 0.5 * J[i * ldj + c] * J[j * ldj + c]; }
+            for (uint32_t c = 0u; c < 6u; c++) { s += J[i * ldj + c] * J[j * ldj + c]; }
             TEST_ASSERT_DOUBLE_WITHIN(1e-13, s, s_C[i * LD + j]);
         }
     }
     /* nothing beyond n x n */
     TEST_ASSERT_EQUAL_MEMORY(&s_B[N * LD], &s_C[N * LD], (LD - N) * LD * sizeof(double));
-    for (uint32_t a = 0u; a < m; a++) {
-        for (uint32_t b = 0u; b < m; b++) {
-            double s = 0.0;
-            for (uint32_t k = 0u; k < N; k++) { s += J[k * ldj + a] * out[k * m + b]; }
-            TEST_ASSERT_DOUBLE_WITHIN(1e-12, s, C[a * m + b]);
-            TEST_ASSERT_EQUAL_MEMORY(&C[b * m + a], &C[a * m + b], sizeof(double)); /* to the bit */
+    for (uint32_t a = 0u; a < 6u; a++) {
+        for (uint32_t b = 0u; b < 6u; b++) {
+            double s = 0.0, p = 0.0;
+            for (uint32_t k = 0u; k < N; k++) {
+                for (uint32_t l = 0u; l < N; l++) { s += J[6u * k + a] * s_B[k * LD + l] * J[6u * l + b]; }
+            }
+            for (uint32_t k = 0u; k < 9u; k++) {
+                const uint32_t i = at[k / 3u], j = at[k % 3u];
+                p += J[6u * i + a] * s_B[i * LD + j] * J[6u * j + b];
+            }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, s, C[a * 6u + b]);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, p, P[a * 6u + b]);
+            TEST_ASSERT_EQUAL_MEMORY(&C[b * 6u + a], &C[a * 6u + b], sizeof(double)); /* to the bit */
         }
     }
 }
@@ -422,21 +489,15 @@ void test_solves_and_products_write_as_many_numbers_as_they_have(void)
     const double L[9] = {2.0, 0.0, 55.0, 1.0, 4.0, 55.0, 55.0, 55.0, 55.0};
     const double R[9] = {2.0, 1.0, 55.0, 0.0, 4.0, 55.0, 55.0, 55.0, 55.0};
     const double b[3] = {4.0, 10.0, 99.0};
-    double W[36] = {0.0}, x[6][3];
-    for (uint32_t k = 0u; k < 6u; k++) { memcpy(x[k], b, sizeof b); }
+    double x[4][3];
+    for (uint32_t k = 0u; k < 4u; k++) { memcpy(x[k], b, sizeof b); }
     kc_la_solve_lower(L, 2u, 3u, x[0]);
     kc_la_solve_lower_t(L, 2u, 3u, x[1]);
     kc_la_chol_solve(L, 2u, 3u, x[2]);
     kc_la_solve_upper(R, 2u, 3u, x[3]);
-    kc_la_solve_upper_t(R, 2u, 3u, x[4]);
-    W[0] = 2.0;
-    W[6] = 1.0;
-    W[7] = 4.0;
-    W[12] = W[13] = W[14] = 55.0;
-    kc_la_whiten_apply(W, 2u, b, x[5]);
-    static const double want[6][3] = {{2.0, 2.0, 99.0},  {0.75, 2.5, 99.0}, {0.75, 0.5, 99.0},
-                                      {0.75, 2.5, 99.0}, {2.0, 2.0, 99.0},  {8.0, 44.0, 99.0}};
-    for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_EQUAL_DOUBLE_ARRAY(want[k], x[k], 3); }
+    static const double want[4][3] = {
+        {2.0, 2.0, 99.0}, {0.75, 2.5, 99.0}, {0.75, 0.5, 99.0}, {0.75, 2.5, 99.0}};
+    for (uint32_t k = 0u; k < 4u; k++) { TEST_ASSERT_EQUAL_DOUBLE_ARRAY(want[k], x[k], 3); }
 }
 
 /* 3 and 4 make 5, and the sign of the diagonal turns: the sum that the reflection divides by has one sign. */
@@ -444,8 +505,8 @@ void test_a_fold_reflects_to_the_other_side(void)
 {
     static const double top[] = {3.0, -3.0, 0.0}, want[] = {-5.0, 5.0, 4.0};
     for (uint32_t i = 0u; i < 3u; i++) {
-        double R[2] = {top[i], 1.0}, blk[2] = {4.0, 2.0};
-        const double rest = kc_la_fold(R, 1u, 2u, blk, 1u, 2u);
+        double R[2] = {top[i], 1.0}, blk[12] = {[0] = 4.0, [6] = 2.0};
+        const double rest = kc_la_fold(R, 1u, 2u, blk);
         TEST_ASSERT_DOUBLE_WITHIN(1e-15, want[i], R[0]);
         TEST_ASSERT_DOUBLE_WITHIN(1e-14, (top[i] * 1.0 + 4.0 * 2.0) / want[i], R[1]);
         TEST_ASSERT_DOUBLE_WITHIN(1e-14, 5.0 - R[1] * R[1], rest);
@@ -457,10 +518,10 @@ void test_where_a_column_begins_to_count(void)
 {
     static const double size[] = {0.9e-145, 1.1e-145}, want[] = {0.0, 1.1e-145};
     for (uint32_t i = 0u; i < 2u; i++) {
-        double R[2] = {0.0}, blk[2] = {size[i], 0.0};
+        double R[2] = {0.0}, blk[12] = {[0] = size[i]};
         double U[4] = {0.5, 1.0, 0.0, size[i]}, scale[2] = {1.0, 1.0}, pivot[2];
         uint32_t perm[2], rank;
-        (void)kc_la_fold(R, 1u, 2u, blk, 1u, 2u);
+        (void)kc_la_fold(R, 1u, 2u, blk);
         TEST_ASSERT_DOUBLE_WITHIN(1e-160, want[i], fabs(R[0]));
         kc_la_rank(U, 2u, 2u, scale, 1e-9, perm, pivot, &rank); /* (1, size) before (0.5, 0) */
         TEST_ASSERT_EQUAL_UINT32(1u, perm[0]);
@@ -470,8 +531,8 @@ void test_where_a_column_begins_to_count(void)
 
 void test_what_is_no_number_shows_on_the_diagonal(void)
 {
-    double R[2] = {1.0, 2.0}, blk[2] = {NAN, 1.0};
-    (void)kc_la_fold(R, 1u, 2u, blk, 1u, 2u);
+    double R[2] = {1.0, 2.0}, blk[12] = {[0] = NAN, [6] = 1.0};
+    (void)kc_la_fold(R, 1u, 2u, blk);
     TEST_ASSERT_TRUE(isnan(R[0]));
 }
 

@@ -432,7 +432,7 @@ void test_an_observation_and_a_verdict_are_charged(void)
     kc_work_t work = kc_work_of_step();
     kc_monitoring_observe(&APP->monitoring, &APP->arena.idle.monitor, &APP->view, &d, &work, &world.out);
     TEST_ASSERT_EQUAL_UINT32(6u, APP->arena.idle.monitor.n);
-    TEST_ASSERT_TRUE(work.used > kc_model_cost(&a->arm, &a->terms, false));
+    TEST_ASSERT_TRUE(work.used > kc_model_cost(&a->arm, &a->terms, a->kin.value, false));
     const uint64_t cost = kc_monitor_evaluate_cost(&APP->arena.idle.monitor);
     APP->monitoring.weigh = false;
     evaluate((kc_work_t){cost, 1u});

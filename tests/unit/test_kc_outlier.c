@@ -77,7 +77,7 @@ void test_a_solution_in_parts_has_the_same_bits(void)
             kc_work_t work = {most[k], 0u};
             over = kc_est_step(&s_est, &work);
         }
-        TEST_ASSERT_TRUE(steps > (k == 0u ? 500u : 20u));
+        TEST_ASSERT_TRUE(steps > (k == 0u ? 200u : 10u));
         TEST_ASSERT_EQUAL_INT(KC_OK, s_est.job.status);
         TEST_ASSERT_EQUAL_MEMORY(whole.coef, s_est.coef, sizeof s_est.coef);
         TEST_ASSERT_EQUAL_MEMORY(whole.sigma, s_est.sigma, sizeof s_est.sigma);

@@ -1211,7 +1211,8 @@ void test_residuals_of_all_poses_come_before_the_estimate(void)
     kc_learned_t *l = &APP->learned;
     kc_update_begin(&APP->update);
     l->gp_ok = false; /* which costs nothing then */
-    kc_work_t work = {kc_model_cost(&APP->tables.active.arm, &APP->tables.active.terms, true), 0u};
+    kc_work_t work = {
+        kc_model_cost(&APP->tables.active.arm, &APP->tables.active.terms, APP->learned.coef, false), 0u};
     (void)kc_update_solve(&APP->update, l, &APP->est, &APP->arena.calibration.gp, &APP->view, &work);
     TEST_ASSERT_EQUAL_UINT32(0u, APP->update.part);
     TEST_ASSERT_EQUAL_UINT32(1u, APP->update.i);
