@@ -73,6 +73,7 @@ class Desk:
     clearances: Clearances | None = None
     _done: OrderedDict[str, Plain | KincalError] = field(default_factory=OrderedDict)
     _accepted: dict[int, int] = field(default_factory=dict)  # by key: highest counter that flight accepted
+    missing: str = ""  # what `journal_missing` found
     _noted: bool = False
     _one: threading.Lock = field(default_factory=threading.Lock)
 
@@ -133,7 +134,8 @@ class Desk:
         if why and not self._noted:
             self._noted = True
             self.picture.note("error", "JOURNAL_MISSING", f"{why}. To do: {journal.MISSING_TODO}")
-        return f"{why}. {journal.MISSING_TODO}." if why else ""
+        self.missing = f"{why}. {journal.MISSING_TODO}." if why else ""
+        return self.missing
 
     # ---- once
 
