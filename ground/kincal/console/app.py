@@ -305,7 +305,7 @@ def _desk_routes(console: Console) -> list[Route]:
         Route("/api/review/{crc}", _answer(read(lambda d, r: d.review(crc(r))))),
         Route("/api/review/{crc}/clearance", _answer(read(lambda d, r: d.clearance(crc(r))))),
         Route("/api/rollback/preview", _answer(read(lambda d, _r: d.rollback_preview()))),
-        Route("/api/journal/missing", _answer(read(lambda d, _r: {"text": d.journal_missing()}))),
+        Route("/api/journal/missing", _answer(read(lambda d, _r: {"text": d.missing}))),
         Route("/api/journal", _answer(read(lambda d, _r: d.log()))),
         route("/api/review/{crc}/seen", lambda d, b, r: d.see(crc(r), _text(b, "by"))),
         *(

@@ -84,7 +84,7 @@ class Recording:
             if event.channel not in (*LISTEN, _IMAGE):
                 continue
             try:
-                message = channels.decode(event.channel, event.data)
+                message: Any = channels.decode(event.channel, event.data)
             except CommandFailed:  # types that are not built are no damage
                 raise
             except Exception:  # noqa: BLE001, S112 a damaged message is passed over; decoders raise anything

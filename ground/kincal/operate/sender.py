@@ -46,7 +46,8 @@ def accepted_counter(link: CommandLink, timeout_s: float = 5.0) -> int:
         link.signer = signer
 
     def answered(r: Received) -> bool:
-        if r.channel == "KC_EVENT" and event_name(r.message.id) == "CMD_REPLAYED" and r.message.got == _ASKING:
+        event = event_name(r.message.id) if r.channel == "KC_EVENT" else ""
+        if event == "CMD_REPLAYED" and r.message.got == _ASKING:
             found.append(int(r.message.want))
         return bool(found) or (is_ack(r, seq) and r.message.status == 0)
 

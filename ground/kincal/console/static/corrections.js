@@ -87,16 +87,19 @@ async function rollbackPreview() {
   } catch (error) { return [el("p", { class: "attention" }, `▲ No preview: ${error.message}`)]; }
 }
 
+let asked = 0;
+
 async function journal() {
   if (!parts || !store.about.live) return;
+  const turn = ++asked;
   let lines;
   try { lines = await ask("journal"); } catch (error) {
     if (parts) show(parts.journal, el("h2", {}, "Journal"), el("p", { class: "bad" }, error.message));
     return;
   }
   let missing = "";
-  if (!lines.length) try { missing = (await ask("journal/missing")).text; } catch { /* flight was not heard */ }
-  if (!parts) return;
+  if (!lines.length) try { missing = (await ask("journal/missing")).text; } catch { /* said by the list itself */ }
+  if (!parts || turn !== asked) return; // a later question is on its way
   show(parts.journal, el("h2", {}, "Journal"), missing ? el("p", { class: "bad missing" }, `◆ ${missing}`) : null, lines.length
     ? el("ul", {}, lines.slice(0, 100).map((e) => el("li", {}, el("b", {}, `${e.decision} ${e.crc}`), ` ${e.by}${e.key ? `, key ${e.key}` : ""}${e.armed_key ? ` (armed by key ${e.armed_key})` : ""}`, el("small", {}, `${e.time.replace("T", " ").replace("+00:00", " UTC")}: ${e.why}${e.override ? `; override: ${e.override}` : ""}${e.unfinished ? ". ▲ Nothing says what came of it: the state of flight does." : ""}`))))
     : el("p", { class: "muted" }, "No decision was written yet."), el("p", { class: "muted small" }, store.about.journal));

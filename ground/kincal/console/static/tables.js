@@ -72,15 +72,15 @@ function draw() {
       text: () => `${chosen} table ${crc}, ${NAMES[of]}${of === "folder" ? ` (${row.file})` : ""}, is staged, checked by flight and put in force, instead of ${board(chosen) || "what is there"}. Flight refuses it while a calibration runs.${DROPS[chosen] ?? ""}`,
       preview: there ? () => preview(there) : null,
     }),
-    staged(row, crc, why, there),
+    ...staged(crc, why, there),
     el("p", { class: "muted small" }, "A search space is built in Space, the terms of a model in Workbench, other tables by kincal table build."));
 }
 
 // What somebody has sent and flight has checked, but not put in force: where CONFIG asks for two persons, the second one does that.
-function staged(row, crc, why, there) {
+function staged(crc, why, there) {
   const hk = store.values.KC_HK?.data;
-  if (!hk?.staged || hk.staged !== chosen) return null;
-  return el("div", { class: "staged" }, el("h2", {}, "Staged"),
+  if (!hk?.staged || hk.staged !== chosen) return [];
+  return [el("h2", {}, "Staged"),
     el("p", {}, `${chosen} table, ${hk.staged_bytes} bytes: ${hk.staged_checked ? "● checked by flight, not in force" : "▲ not checked yet"}`),
     confirmed({
       label: "Activate the staged table …", act: "ACTIVATE", danger: true, path: `tables/${chosen}/activate`, key: `activate:${chosen}`,
@@ -88,7 +88,7 @@ function staged(row, crc, why, there) {
       disabled: why || (chosen === "KIN" ? "a correction is reviewed, see Corrections" : hk.staged_checked ? "" : "flight has not checked it"),
       text: () => `What is staged on board comes in force instead of ${board(chosen) || "what is there"}, if its CRC is the one below; nothing is sent again. Flight refuses it while a calibration runs.${DROPS[chosen] ?? ""}`,
       preview: there ? () => preview(there) : null,
-    }));
+    })];
 }
 
 // What changes against the table in force, where that lies here.
