@@ -22,6 +22,7 @@ from flight import (
 
 import kcm
 
+AT_CANDIDATE = 0  # taken_at of a measurement that is that of a pose
 HERE = Path(__file__).parent
 CMD = kcm.cmd_t
 
@@ -53,7 +54,7 @@ def calibrate_for(f: Flight, ticks: int) -> int:
     poses = 0
     for _ in range(ticks):
         heard = f.step()
-        poses += sum(ch == "KC_MEAS" for ch, _ in heard)
+        poses += sum(ch == "KC_MEAS" and m.taken_at == AT_CANDIDATE for ch, m in heard)
         if any(ch == "KC_PROPOSAL" for ch, _ in heard):
             break
     return poses
