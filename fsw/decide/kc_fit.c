@@ -29,9 +29,9 @@ bool kc_fit_second_is_better(const kc_fit_quality_t *first, const kc_fit_quality
     return kc_fit_solved(second->status) && second->nothing_held && better;
 }
 
-static double weighted(const kc_config_t *c, kc_miss_t miss)
+static double weighted(const kc_config_t *config, kc_miss_t miss)
 {
-    return c->a1 * miss.pos_m / c->vopt_len_m + (1.0 - c->a1) * miss.rot_rad;
+    return config->a1 * miss.pos_m / config->vopt_len_m + (1.0 - config->a1) * miss.rot_rad;
 }
 
 bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_miss_t with_used)
@@ -73,29 +73,29 @@ bool kc_fit_meets(const kc_config_t *config, kc_miss_t bound)
 }
 
 /* Whether all coefficients of TERMS are requested: then residuals are not due to a choice of the operator. */
-static bool all_requested(const kc_est_t *e)
+static bool all_requested(const kc_est_t *est)
 {
-    for (uint32_t c = 0u; c < e->terms->n_coef; c++) {
-        if (e->terms->coef[c].enabled != 0u && (e->opt.free_mask >> c & 1u) == 0u) { return false; }
+    for (uint32_t c = 0u; c < est->terms->n_coef; c++) {
+        if (est->terms->coef[c].enabled != 0u && (est->opt.free_mask >> c & 1u) == 0u) { return false; }
     }
     return true;
 }
 
 /* Local initial poses that are all a little off, or several that do not fit the others. Effects that a
  * model lacks are nearly the same at all of them, so they are not the reason. */
-static bool local_mismatch(const kc_config_t *c, const kc_est_t *e, bool only_local)
+static bool local_mismatch(const kc_config_t *config, const kc_est_t *est, bool only_local)
 {
-    bool limited = c->mismatch_pos_m > 0.0 || c->mismatch_rot_rad > 0.0;
-    bool noisy = e->dof >= c->mismatch_dof_min && e->noise_scale > c->mismatch_noise_scale;
-    uint32_t n_outliers = e->n_outliers - (e->without > 0u ? 1u : 0u);
-    return limited && only_local && e->hold_none && all_requested(e) &&
-           (noisy || n_outliers >= c->mismatch_outliers_min);
+    bool limited = config->mismatch_pos_m > 0.0 || config->mismatch_rot_rad > 0.0;
+    bool noisy = est->dof >= config->mismatch_dof_min && est->noise_scale > config->mismatch_noise_scale;
+    uint32_t n_outliers = est->n_outliers - (est->without > 0u ? 1u : 0u);
+    return limited && only_local && est->hold_none && all_requested(est) &&
+           (noisy || n_outliers >= config->mismatch_outliers_min);
 }
 
-static bool beyond(const kc_config_t *c, kc_miss_t miss)
+static bool beyond(const kc_config_t *config, kc_miss_t miss)
 {
-    return (c->mismatch_pos_m > 0.0 && miss.pos_m > c->mismatch_pos_m) ||
-           (c->mismatch_rot_rad > 0.0 && miss.rot_rad > c->mismatch_rot_rad);
+    return (config->mismatch_pos_m > 0.0 && miss.pos_m > config->mismatch_pos_m) ||
+           (config->mismatch_rot_rad > 0.0 && miss.rot_rad > config->mismatch_rot_rad);
 }
 
 bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss,
