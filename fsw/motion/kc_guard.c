@@ -112,27 +112,27 @@ static double axis_at_least(const axis_t *one, const axis_t *two)
     return kc_v3_norm(d) - one->half_m - two->half_m - ROUNDING_M;
 }
 
-static double box_at_least(const kc_volume_t *volume, const axis_t *axis)
+static double box_at_least(const kc_volume_t *v, const axis_t *axis)
 {
     double p[3], half[3], mid[3], out[3];
-    widen(volume->p_m, p);
-    widen(volume->size_m, half);
+    widen(v->p_m, p);
+    widen(v->size_m, half);
     kc_v3_add_scaled(axis->a, 0.5, axis->u, mid);
     kc_v3_sub(mid, p, mid);
     return beyond_box(mid, half, out) - axis->half_m - ROUNDING_M;
 }
 
 /* From the axis a + s u of a body to the volume. */
-static double axis_to(const kc_volume_t *volume, const double a[3], const double u[3])
+static double axis_to(const kc_volume_t *v, const double a[3], const double u[3])
 {
     double p[3], size[3], d[3];
-    widen(volume->p_m, p);
-    widen(volume->size_m, size);
-    switch (volume->kind) {
+    widen(v->p_m, p);
+    widen(v->size_m, size);
+    switch (v->kind) {
     case KC_VOL_BELOW: return kc_min(a[2], a[2] + u[2]) - p[2];
     case KC_VOL_BOX: kc_v3_sub(a, p, d); return to_box(d, u, size);
-    case KC_VOL_CAPSULE: kc_v3_sub(size, p, d); return to_segment(a, u, p, d) - (double)volume->radius_m;
-    default: return to_point(a, u, p) - (double)volume->radius_m;
+    case KC_VOL_CAPSULE: kc_v3_sub(size, p, d); return to_segment(a, u, p, d) - (double)v->radius_m;
+    default: return to_point(a, u, p) - (double)v->radius_m;
     }
 }
 
@@ -140,30 +140,30 @@ static double axis_to(const kc_volume_t *volume, const double a[3], const double
  * `along`. A link with a length along that axis (d) keeps its near end: it gets longer, and tilts by
  * `across` towards its far end. Without that length the error may lie before or after the body: it is
  * where it was (`back`) or where the frame is now. */
-static void place_end(const kc_guard_arm_t *placed, uint32_t j, const float p[3], bool back, double out[3])
+static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], bool back, double out[3])
 {
-    double d = j > 0u ? placed->arm->joint[j - 1u].d_m : 0.0;
-    double z = back ? -placed->along_m[j] : 0.0, x = 0.0;
+    double d = j > 0u ? g->arm->joint[j - 1u].d_m : 0.0;
+    double z = back ? -g->along_m[j] : 0.0, x = 0.0;
     if (kc_fabs(d) > 0.0) {
         double part = (double)p[2] / d;
-        z = placed->along_m[j] * (part - 1.0);
-        x = placed->across_m[j] * part;
+        z = g->along_m[j] * (part - 1.0);
+        x = g->across_m[j] * part;
     }
-    place(&placed->frame[j], p, out);
+    place(&g->frame[j], p, out);
     for (uint32_t i = 0u; i < 3u; i++) {
-        out[i] += x * placed->frame[j].R[3u * i] + z * placed->frame[j].R[3u * i + 2u];
+        out[i] += x * g->frame[j].R[3u * i] + z * g->frame[j].R[3u * i + 2u];
     }
 }
 
 /* Both axes of every body: with its frame where the move along the axis ends, and where it began. */
-static void find_axes(const kc_guard_arm_t *placed, axis_t axes[KC_BODY_MAX][2])
+static void find_axes(const kc_guard_arm_t *g, axis_t axes[KC_BODY_MAX][2])
 {
-    for (uint32_t b = 0u; b < placed->space->n_body; b++) {
-        const kc_body_t *body = &placed->space->body[b];
+    for (uint32_t b = 0u; b < g->space->n_body; b++) {
+        const kc_body_t *body = &g->space->body[b];
         for (uint32_t e = 0u; e < 2u; e++) {
             axis_t *axis = &axes[b][e];
-            place_end(placed, body->frame, body->start_m, e == 1u, axis->a);
-            place_end(placed, body->frame, body->end_m, e == 1u, axis->u);
+            place_end(g, body->frame, body->start_m, e == 1u, axis->a);
+            place_end(g, body->frame, body->end_m, e == 1u, axis->u);
             kc_v3_sub(axis->u, axis->a, axis->u);
             axis->half_m = 0.5 * kc_v3_norm(axis->u);
         }
@@ -177,87 +177,82 @@ typedef struct {
     uint64_t cost;
 } nearest_t;
 
-static void take_nearer(nearest_t *nearest, double d, uint32_t body, uint32_t met)
+static void take_nearer(nearest_t *n, double d, uint32_t body, uint32_t met)
 {
-    if (d >= nearest->d) { return; }
-    nearest->d = d;
-    nearest->body = body;
-    nearest->met = met;
+    if (d >= n->d) { return; }
+    n->d = d;
+    n->body = body;
+    n->met = met;
 }
 
-static void between_bodies(const kc_space_t *space, const axis_t axes[KC_BODY_MAX][2], uint32_t i, uint32_t k,
-                           nearest_t *nearest)
+static void between_bodies(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2], uint32_t i, uint32_t k,
+                           nearest_t *n)
 {
-    double radii = (double)space->body[i].radius_m + (double)space->body[k].radius_m;
-    nearest->cost += PAIR_COST;
+    double radii = (double)s->body[i].radius_m + (double)s->body[k].radius_m;
+    n->cost += PAIR_COST;
     for (uint32_t e = 0u; e < 4u; e++) {
         const axis_t *one = &axes[i][e / 2u], *two = &axes[k][e % 2u];
-        if (axis_at_least(one, two) - radii >= nearest->d) { continue; }
-        nearest->cost += PART_COST;
-        take_nearer(nearest, to_segment(one->a, one->u, two->a, two->u) - radii, i, k);
+        if (axis_at_least(one, two) - radii >= n->d) { continue; }
+        n->cost += PART_COST;
+        take_nearer(n, to_segment(one->a, one->u, two->a, two->u) - radii, i, k);
     }
 }
 
-static void nearest_body(const kc_space_t *space, const axis_t axes[KC_BODY_MAX][2], nearest_t *nearest)
+static void nearest_body(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2], nearest_t *n)
 {
-    for (uint32_t i = 1u; i < space->n_body; i++) {
+    for (uint32_t i = 1u; i < s->n_body; i++) {
         for (uint32_t k = 0u; k < i; k++) {
-            if ((space->body[i].collision_pairs >> k & 1u) != 0u) {
-                between_bodies(space, axes, i, k, nearest);
-            }
+            if ((s->body[i].collision_pairs >> k & 1u) != 0u) { between_bodies(s, axes, i, k, n); }
         }
     }
 }
 
-static void to_volume(const kc_space_t *space, const axis_t *axis, uint32_t body, uint32_t volume,
-                      nearest_t *nearest)
+static void to_volume(const kc_space_t *s, const axis_t *axis, uint32_t body, uint32_t volume, nearest_t *n)
 {
-    const kc_volume_t *v = &space->volume[volume];
-    double radius = (double)space->body[body].radius_m;
-    nearest->cost += s_volume_cost[v->kind];
+    const kc_volume_t *v = &s->volume[volume];
+    double radius = (double)s->body[body].radius_m;
+    n->cost += s_volume_cost[v->kind];
     if (v->kind == KC_VOL_BOX) {
-        if (box_at_least(v, axis) - radius >= nearest->d) { return; }
-        nearest->cost += BOX_COST;
+        if (box_at_least(v, axis) - radius >= n->d) { return; }
+        n->cost += BOX_COST;
     }
-    take_nearer(nearest, axis_to(v, axis->a, axis->u) - radius, body, volume);
+    take_nearer(n, axis_to(v, axis->a, axis->u) - radius, body, volume);
 }
 
-static void nearest_volume(const kc_space_t *space, const axis_t axes[KC_BODY_MAX][2], nearest_t *nearest)
+static void nearest_volume(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2], nearest_t *n)
 {
-    for (uint32_t k = 0u; k < 2u * space->n_body; k++) {
+    for (uint32_t k = 0u; k < 2u * s->n_body; k++) {
         uint32_t b = k / 2u;
-        for (uint32_t v = 0u; v < space->n_volume; v++) {
-            if ((space->volume[v].excluded >> b & 1u) == 0u) {
-                to_volume(space, &axes[b][k % 2u], b, v, nearest);
-            }
+        for (uint32_t v = 0u; v < s->n_volume; v++) {
+            if ((s->volume[v].excluded >> b & 1u) == 0u) { to_volume(s, &axes[b][k % 2u], b, v, n); }
         }
     }
 }
 
-static double answer(const nearest_t *nearest, uint32_t *body, uint32_t *met)
+static double answer(const nearest_t *n, uint32_t *body, uint32_t *met)
 {
-    if (nearest->d < KC_INF) {
-        *body = nearest->body;
-        *met = nearest->met;
+    if (n->d < KC_INF) {
+        *body = n->body;
+        *met = n->met;
     }
-    return nearest->d;
+    return n->d;
 }
 
-double kc_guard_self_clearance(const kc_guard_arm_t *placed, uint32_t *body, uint32_t *other)
+double kc_guard_self_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *other)
 {
     axis_t axes[KC_BODY_MAX][2];
     nearest_t n = {.d = KC_INF};
-    find_axes(placed, axes);
-    nearest_body(placed->space, axes, &n);
+    find_axes(g, axes);
+    nearest_body(g->space, axes, &n);
     return answer(&n, body, other);
 }
 
-double kc_guard_clearance(const kc_guard_arm_t *placed, uint32_t *body, uint32_t *volume)
+double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *volume)
 {
     axis_t axes[KC_BODY_MAX][2];
     nearest_t n = {.d = KC_INF};
-    find_axes(placed, axes);
-    nearest_volume(placed->space, axes, &n);
+    find_axes(g, axes);
+    nearest_volume(g->space, axes, &n);
     return answer(&n, body, volume);
 }
 
@@ -342,9 +337,9 @@ static uint64_t near_at(const kc_guard_request_t *request, double part, kc_guard
            n[1].cost;
 }
 
-static bool is_local_pose(const kc_space_t *space, uint32_t node)
+static bool is_local_pose(const kc_space_t *s, uint32_t node)
 {
-    return node >= KC_HUB_MAX && kc_space_local(space, node - KC_HUB_MAX);
+    return node >= KC_HUB_MAX && kc_space_local(s, node - KC_HUB_MAX);
 }
 
 /* Upper bound of how far any point of the arm travels during the move: joints turn it about axes that are no

@@ -66,9 +66,9 @@ typedef struct {
  * negative inside (for a box: no deeper than the body's radius). KC_INF without any. Corrections along a
  * joint's axis make a link with a length there longer, those of a let it lean; other bodies count at both
  * ends of the move along the axis. O(n_body n_volume). */
-double kc_guard_clearance(const kc_guard_arm_t *placed, uint32_t *body, uint32_t *volume);
+double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *volume);
 /* The same between bodies that must not touch. O(n_body^2). */
-double kc_guard_self_clearance(const kc_guard_arm_t *placed, uint32_t *body, uint32_t *other);
+double kc_guard_self_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *other);
 
 /* Clearance at a part of the move: of volumes, between bodies, and which. */
 typedef struct {
