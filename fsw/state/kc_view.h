@@ -47,7 +47,7 @@ typedef struct {
     kc_ended_t ended;  /* why it proposes; NOT: it goes on, or is aborted */
 } kc_cal_t;
 
-/* What the newest pose taught. */
+/* The estimate with the poses so far, and what follows from it. */
 typedef struct {
     kc_status_t status;       /* of the estimator */
     double coef[KC_COEF_MAX]; /* latest correction, for aiming and for f */
