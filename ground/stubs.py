@@ -11,7 +11,6 @@ acquisitions are there for schemas of files, which do without the core.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from keyword import iskeyword
 from pathlib import Path
@@ -100,26 +99,22 @@ def struct_class(ctype: FFI.CType) -> list[str]:
     return lines
 
 
-def structs(ffi: FFI, text: str) -> dict[str, FFI.CType]:
+def structs(ffi: FFI) -> dict[str, FFI.CType]:
     """Structs and unions of the declarations by name, whose size is known."""
-    out = {}
-    for name in re.findall(r"^(?:\}|typedef struct \w+) (k[cg]_\w+_t);", text, flags=re.M):
-        ctype = ffi.typeof(name)
-        if ctype.kind in ("struct", "union"):
-            out[ctype.cname] = ctype
-    return out
+    types = map(ffi.typeof, ffi.list_types()[0])
+    return {ctype.cname: ctype for ctype in types if ctype.kind in ("struct", "union")}
 
 
-def core_class(name: str, ffi: FFI, lib: object, text: str) -> list[str]:
+def core_class(name: str, ffi: FFI, lib: object) -> list[str]:
     """Protocol of one build: its functions and whole-number constants."""
+    found = {key: getattr(lib, key) for key in dir(lib)}
     lines = [f"class {name}(Protocol):"]
-    lines += [f"    {key}: int" for key in re.findall(r"^#define (\w+) ", text, flags=re.M)]
-    for enum in re.findall(r"typedef enum \{[^}]*\} (\w+);", text):
-        lines += [f"    {key}: int" for key in ffi.typeof(enum).relements]
-    for key in dict.fromkeys(re.findall(r"^[\w ]*?[ *](k[cg]_\w+)\(", text, flags=re.M)):
-        function = ffi.typeof(getattr(lib, key))
-        arguments = "".join(f", _{i}: {argument_type(a)}" for i, a in enumerate(function.args))
-        lines.append(f"    def {key}(self{arguments}, /) -> {result_type(function.result)}: ...")
+    lines += [f"    {key}: int" for key, value in found.items() if isinstance(value, int)]
+    for key, value in found.items():
+        function = ffi.typeof(value) if isinstance(value, ffi.CData) else None
+        if function and function.kind == "function":
+            arguments = "".join(f", _{i}: {argument_type(a)}" for i, a in enumerate(function.args))
+            lines.append(f"    def {key}(self{arguments}, /) -> {result_type(function.result)}: ...")
     return lines
 
 
@@ -131,8 +126,8 @@ def stub_text() -> str:
         text = (ROOT / "build" / declarations).read_text()
         ffi = FFI()
         ffi.cdef(text)
-        cores.append(core_class(name, ffi, ffi.dlopen(str(ROOT / "build" / library)), text))
-        found |= structs(ffi, text)
+        cores.append(core_class(name, ffi, ffi.dlopen(str(ROOT / "build" / library))))
+        found |= structs(ffi)
     parts += [struct_class(ctype) for _, ctype in sorted(found.items())]
     parts += cores
     new = ["class New(Protocol):", '    """Makes a zeroed struct, by the name of its type."""', ""]

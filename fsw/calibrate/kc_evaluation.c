@@ -195,11 +195,12 @@ static double bound(const kc_evaluation_t *evaluation, const kc_view_t *view, co
 
 static void predict(kc_evaluated_t *evaluated, const kc_view_t *view)
 {
-    const kc_miss_t *noise = &view->learned->pred; /* scaled by residuals that hold the chain's part too */
+    const kc_residual_t *noise =
+        &view->learned->pred; /* scaled by residuals that hold the chain's part too */
     const double scale = kc_max(1.0, evaluated->fit.noise_scale) / kc_max(1.0, view->est->noise_scale);
     const double pos2 = in_camera(view) ? evaluated->camera_pos2 : evaluated->lander_pos2;
     const double rot2 = in_camera(view) ? evaluated->camera_rot2 : evaluated->lander_rot2;
-    evaluated->noise = (kc_miss_t){scale * noise->pos_m, scale * noise->rot_rad};
+    evaluated->noise = (kc_residual_t){scale * noise->pos_m, scale * noise->rot_rad};
     evaluated->predicted.pos_m = kc_evaluation_rms(evaluated, view, evaluated->noise.pos_m, pos2);
     evaluated->predicted.rot_rad = kc_evaluation_rms(evaluated, view, evaluated->noise.rot_rad, rot2);
     evaluated->chain.pos_m = kc_evaluation_rms(evaluated, view, 0.0, pos2);

@@ -26,10 +26,10 @@ typedef struct {
     double camera_pos2, camera_rot2, lander_pos2, lander_rot2; /* squared errors by the camera chain */
     double chi2; /* of the data, what the camera chain explains taken off */
     kc_verdict_fit_t fit; /* the same */
-    kc_miss_t noise; /* RMS over the search space, of the noise alone */
-    kc_miss_t predicted; /* and with the chain, in the frame of CONFIG */
-    kc_miss_t bound; /* what that error exceeds with probability 1 - stop_confidence */
-    kc_miss_t chain; /* the same of the chain alone: no more poses reduce it */
+    kc_residual_t noise; /* RMS over the search space, of the noise alone */
+    kc_residual_t predicted; /* and with the chain, in the frame of CONFIG */
+    kc_residual_t bound; /* what that error exceeds with probability 1 - stop_confidence */
+    kc_residual_t chain; /* the same of the chain alone: no more poses reduce it */
 } kc_evaluated_t;
 
 void kc_evaluation_begin(kc_evaluated_t *evaluated, kc_evaluation_t *evaluation, const kc_view_t *view);

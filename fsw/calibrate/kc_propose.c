@@ -87,7 +87,7 @@ static void fill_numbers(const kc_evaluated_t *evaluated, const kc_view_t *view,
 
 static void fill_predicted(const kc_evaluated_t *evaluated, const kc_view_t *view, kc_proposal_t *proposal)
 {
-    const kc_miss_t *noise = &evaluated->noise;
+    const kc_residual_t *noise = &evaluated->noise;
     proposal->frame = view->tables->config.frame;
     proposal->pred_noise_pos_m = noise->pos_m;
     proposal->pred_noise_rot_rad = noise->rot_rad;
@@ -135,7 +135,7 @@ static void report_chain(const kc_evaluated_t *evaluated, const kc_view_t *view,
 {
     const kc_config_t *c = &view->tables->config;
     const kc_ended_t ended = view->cal->ended;
-    const kc_miss_t *left = &evaluated->chain;
+    const kc_residual_t *left = &evaluated->chain;
     if (ended == KC_ENDED_REQUIREMENT || ended == KC_ENDED_NO_CHANGE) { return; }
     if (c->stop_pos_m > 0.0 && left->pos_m > c->stop_pos_m) {
         kc_event(&out->events, KC_EVT_CAL_CHAIN_LIMIT, 0, left->pos_m, c->stop_pos_m);

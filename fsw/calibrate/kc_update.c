@@ -50,23 +50,23 @@ uint64_t kc_update_start_cost(const kc_view_t *view)
 
 /* ---- objective f (eq. 6) ---- */
 
-static kc_miss_t miss_of(const kc_view_t *view, const double *coef, uint32_t i)
+static kc_residual_t residual_of(const kc_view_t *view, const double *coef, uint32_t i)
 {
     double r[6];
     kc_observation_residual(view->tables, coef, &view->est->obs[i], r, NULL);
-    return (kc_miss_t){kc_v3_norm(r), kc_v3_norm(&r[3])};
+    return (kc_residual_t){kc_v3_norm(r), kc_v3_norm(&r[3])};
 }
 
 /* Residuals of all observations at coef into dp_m, dr_rad. False: goes on in the next step. */
-static bool misses(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view, const double *coef,
-                   kc_work_t *work)
+static bool residuals(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view, const double *coef,
+                      kc_work_t *work)
 {
     const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, coef, false);
     for (; cursor->i < view->plan->n_obs; cursor->i++) {
         if (!kc_work_take(work, cost)) { return false; }
-        kc_miss_t miss = miss_of(view, coef, cursor->i);
-        learned->dp_m[cursor->i] = miss.pos_m;
-        learned->dr_rad[cursor->i] = miss.rot_rad;
+        kc_residual_t residual = residual_of(view, coef, cursor->i);
+        learned->dp_m[cursor->i] = residual.pos_m;
+        learned->dr_rad[cursor->i] = residual.rot_rad;
     }
     return true;
 }
@@ -103,7 +103,7 @@ void kc_update_begin(kc_update_t *cursor)
 {
     cursor->part = 0u;
     cursor->i = 0u;
-    cursor->sum2 = (kc_miss_t){0.0, 0.0};
+    cursor->sum2 = (kc_residual_t){0.0, 0.0};
 }
 
 static void next_part(kc_update_t *cursor)
@@ -135,7 +135,7 @@ static bool solved(kc_learned_t *learned, kc_est_t *est, kc_work_t *work)
 static bool predicts_better(const kc_learned_t *learned, const kc_view_t *view, uint32_t newest)
 {
     if (newest == 0u || !kc_fit_solved(learned->status)) { return false; }
-    return kc_fit_predicts_better(&view->tables->config, miss_of(view, view->est->coef, newest),
+    return kc_fit_predicts_better(&view->tables->config, residual_of(view, view->est->coef, newest),
                                   learned->res);
 }
 
@@ -151,7 +151,7 @@ static void begin_estimate(kc_learned_t *learned, kc_est_t *est, const kc_gp_t *
     est->hold_none = few || est->by_prior != 0u ? 1u : 0u;
     est->by_bounds = p->by_information ? 1u : 0u;
     objective(learned, view);
-    learned->res = (kc_miss_t){learned->dp_m[newest], learned->dr_rad[newest]};
+    learned->res = (kc_residual_t){learned->dp_m[newest], learned->dr_rad[newest]};
     learned->f = learned->y[p->n_meas - 1u];
     learned->trusted = predicts_better(learned, view, newest);
     bool checked = kc_fit_checked(&view->tables->config, learned->res, view->est->obs[newest].cov);
@@ -166,7 +166,7 @@ kc_outcome_t kc_update_solve(kc_update_t *cursor, kc_learned_t *learned, kc_est_
                              const kc_view_t *view, kc_work_t *work)
 {
     if (cursor->part == 0u) {
-        if (!misses(cursor, learned, view, learned->coef, work) ||
+        if (!residuals(cursor, learned, view, learned->coef, work) ||
             !kc_work_take(work, gp_cost(learned, gp))) {
             return kc_outcome(KC_OC_STAY);
         }
@@ -232,11 +232,11 @@ static void report_outliers(kc_learned_t *learned, const kc_view_t *view, kc_out
 /* By the residuals at the new estimate; *worst: the newest observation that is a mismatch. */
 static bool mismatch(const kc_learned_t *learned, const kc_view_t *view, uint32_t *worst)
 {
-    kc_miss_t miss[KC_MEAS_MAX];
+    kc_residual_t residual[KC_MEAS_MAX];
     for (uint32_t i = 0u; i < view->plan->n_obs; i++) {
-        miss[i] = (kc_miss_t){learned->dp_m[i], learned->dr_rad[i]};
+        residual[i] = (kc_residual_t){learned->dp_m[i], learned->dr_rad[i]};
     }
-    return kc_fit_mismatch(&view->tables->config, view->est, miss, view->plan, worst);
+    return kc_fit_mismatch(&view->tables->config, view->est, residual, view->plan, worst);
 }
 
 /* Whether the estimate is that of the arm that was verified. Among local initial poses, one bad detection is
@@ -280,7 +280,7 @@ static kc_outcome_t learn_evaluate(kc_update_t *cursor, kc_learned_t *learned, k
                                    const kc_view_t *view, kc_work_t *work, kc_out_t *out)
 {
     bool is_solved = kc_fit_solved(learned->status);
-    if (is_solved && !misses(cursor, learned, view, est->coef, work)) { return kc_outcome(KC_OC_STAY); }
+    if (is_solved && !residuals(cursor, learned, view, est->coef, work)) { return kc_outcome(KC_OC_STAY); }
     kc_work_spend(work, est->by_prior != 0u ? KC_LOCAL_DOUBT_COST : 0u);
     if (kc_suspicion_fails(est, view, out)) {
         learned->n_checked = 0u;
@@ -300,7 +300,7 @@ static kc_outcome_t learn_evaluate(kc_update_t *cursor, kc_learned_t *learned, k
 static kc_outcome_t learn_objective(kc_update_t *cursor, kc_learned_t *learned, kc_arena_calibration_t *arena,
                                     const kc_view_t *view, kc_work_t *work)
 {
-    if (!misses(cursor, learned, view, learned->coef, work) ||
+    if (!residuals(cursor, learned, view, learned->coef, work) ||
         !kc_work_take(work, gp_cost(learned, &arena->gp))) {
         return kc_outcome(KC_OC_STAY);
     }
@@ -343,8 +343,8 @@ static bool predict(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t 
     }
     uint32_t count = cursor->i / stride;
     double scale = kc_max(1.0, view->est->noise_scale);
-    learned->pred = (kc_miss_t){scale * kc_sqrt(cursor->sum2.pos_m / (double)count),
-                                scale * kc_sqrt(cursor->sum2.rot_rad / (double)count)};
+    learned->pred = (kc_residual_t){scale * kc_sqrt(cursor->sum2.pos_m / (double)count),
+                                    scale * kc_sqrt(cursor->sum2.rot_rad / (double)count)};
     return true;
 }
 

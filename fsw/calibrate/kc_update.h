@@ -11,7 +11,7 @@
 typedef struct {
     uint32_t part, i;
     kc_fit_quality_t first; /* estimate of the first start */
-    kc_miss_t sum2; /* of predicted variances */
+    kc_residual_t sum2; /* of predicted variances */
 } kc_update_t;
 
 /* A new calibration that estimates the coefficients of free_mask. */

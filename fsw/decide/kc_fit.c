@@ -29,12 +29,12 @@ bool kc_fit_second_is_better(const kc_fit_quality_t *first, const kc_fit_quality
     return kc_fit_solved(second->status) && second->nothing_held && better;
 }
 
-static double weighted(const kc_config_t *c, kc_miss_t miss)
+static double weighted(const kc_config_t *config, kc_residual_t residual)
 {
-    return c->a1 * miss.pos_m / c->vopt_len_m + (1.0 - c->a1) * miss.rot_rad;
+    return config->a1 * residual.pos_m / config->vopt_len_m + (1.0 - config->a1) * residual.rot_rad;
 }
 
-bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_miss_t with_used)
+bool kc_fit_predicts_better(const kc_config_t *config, kc_residual_t with_new, kc_residual_t with_used)
 {
     return 2.0 * weighted(config, with_new) < weighted(config, with_used);
 }
@@ -43,16 +43,16 @@ bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_mi
 #define AXES 3u
 #define CHECK_P 1e-3 /* a pose that is predicted as well as required fails its check so rarely */
 
-static bool within(double miss, double limit, const double *cov)
+static bool within(double residual, double limit, const double *cov)
 {
     double noise2 = (cov[0] + cov[7] + cov[14]) / (double)AXES;
-    return limit <= 0.0 || miss * miss <= limit * limit + kc_chi2_quantile(CHECK_P, AXES) * noise2;
+    return limit <= 0.0 || residual * residual <= limit * limit + kc_chi2_quantile(CHECK_P, AXES) * noise2;
 }
 
-bool kc_fit_checked(const kc_config_t *config, kc_miss_t miss, const double cov[36])
+bool kc_fit_checked(const kc_config_t *config, kc_residual_t residual, const double cov[36])
 {
-    return within(miss.pos_m, config->stop_pos_m, cov) &&
-           within(miss.rot_rad, config->stop_rot_rad, &cov[21]);
+    return within(residual.pos_m, config->stop_pos_m, cov) &&
+           within(residual.rot_rad, config->stop_rot_rad, &cov[21]);
 }
 
 bool kc_fit_required(const kc_config_t *config)
@@ -65,7 +65,7 @@ bool kc_fit_determined(const kc_est_t *est, kc_status_t status)
     return status == KC_OK && est->rank == est->n_free && est->dof >= est->n_free;
 }
 
-bool kc_fit_meets(const kc_config_t *config, kc_miss_t bound)
+bool kc_fit_meets(const kc_config_t *config, kc_residual_t bound)
 {
     const kc_config_t *c = config;
     return kc_fit_required(c) && (c->stop_pos_m <= 0.0 || bound.pos_m <= c->stop_pos_m) &&
@@ -73,32 +73,32 @@ bool kc_fit_meets(const kc_config_t *config, kc_miss_t bound)
 }
 
 /* Whether all coefficients of TERMS are requested: then residuals are not due to a choice of the operator. */
-static bool all_requested(const kc_est_t *e)
+static bool all_requested(const kc_est_t *est)
 {
-    for (uint32_t c = 0u; c < e->terms->n_coef; c++) {
-        if (e->terms->coef[c].enabled != 0u && (e->opt.free_mask >> c & 1u) == 0u) { return false; }
+    for (uint32_t c = 0u; c < est->terms->n_coef; c++) {
+        if (est->terms->coef[c].enabled != 0u && (est->opt.free_mask >> c & 1u) == 0u) { return false; }
     }
     return true;
 }
 
 /* Local initial poses that are all a little off, or several that do not fit the others. Effects that a
  * model lacks are nearly the same at all of them, so they are not the reason. */
-static bool local_mismatch(const kc_config_t *c, const kc_est_t *e, bool only_local)
+static bool local_mismatch(const kc_config_t *config, const kc_est_t *est, bool only_local)
 {
-    bool limited = c->mismatch_pos_m > 0.0 || c->mismatch_rot_rad > 0.0;
-    bool noisy = e->dof >= c->mismatch_dof_min && e->noise_scale > c->mismatch_noise_scale;
-    uint32_t n_outliers = e->n_outliers - (e->without > 0u ? 1u : 0u);
-    return limited && only_local && e->hold_none && all_requested(e) &&
-           (noisy || n_outliers >= c->mismatch_outliers_min);
+    bool limited = config->mismatch_pos_m > 0.0 || config->mismatch_rot_rad > 0.0;
+    bool noisy = est->dof >= config->mismatch_dof_min && est->noise_scale > config->mismatch_noise_scale;
+    uint32_t n_outliers = est->n_outliers - (est->without > 0u ? 1u : 0u);
+    return limited && only_local && est->hold_none && all_requested(est) &&
+           (noisy || n_outliers >= config->mismatch_outliers_min);
 }
 
-static bool beyond(const kc_config_t *c, kc_miss_t miss)
+static bool beyond(const kc_config_t *config, kc_residual_t residual)
 {
-    return (c->mismatch_pos_m > 0.0 && miss.pos_m > c->mismatch_pos_m) ||
-           (c->mismatch_rot_rad > 0.0 && miss.rot_rad > c->mismatch_rot_rad);
+    return (config->mismatch_pos_m > 0.0 && residual.pos_m > config->mismatch_pos_m) ||
+           (config->mismatch_rot_rad > 0.0 && residual.rot_rad > config->mismatch_rot_rad);
 }
 
-bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss,
+bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_residual_t *residual,
                      const kc_plan_t *plan, uint32_t *worst)
 {
     bool newest_too = local_mismatch(config, est, kc_plan_only_local(plan));
@@ -107,7 +107,9 @@ bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_mi
     if (est->rank < est->n_free && !est->hold_none) { return false; } /* a coefficient is held */
     for (uint32_t i = 0u; i < plan->n_obs; i++) {
         bool left_out = i + 1u == est->without;
-        if (left_out || (!beyond(config, miss[i]) && (!newest_too || i + 1u != plan->n_obs))) { continue; }
+        if (left_out || (!beyond(config, residual[i]) && (!newest_too || i + 1u != plan->n_obs))) {
+            continue;
+        }
         n += plan->pose_of[i] != last ? 1u : 0u;
         last = plan->pose_of[i];
         *worst = i;

@@ -18,15 +18,15 @@ typedef struct {
     kc_detection_t det; /* of the first frame */
 } kc_frames_t;
 
-void kc_frames_clear(kc_frames_t *f);
-void kc_frames_add(kc_frames_t *f, const kc_detection_t *det, const kc_arm_state_t *arm,
+void kc_frames_clear(kc_frames_t *frames);
+void kc_frames_add(kc_frames_t *frames, const kc_detection_t *det, const kc_arm_state_t *arm,
                    const kc_pantilt_state_t *pantilt);
 /* Distance of a frame from the mean of the frames held; 0 without any. */
-void kc_frames_jump(const kc_frames_t *f, const kc_detection_t *det, double *pos_m, double *rot_rad);
+void kc_frames_jump(const kc_frames_t *frames, const kc_detection_t *det, double *pos_m, double *rot_rad);
 /* Mean of at least one frame: the detection, with the covariance of the mean; encoder readings and pan-tilt
  * angles; the rest of arm and pantilt stays. Time, number, tags and the second solution are those of the
  * first frame. */
-void kc_frames_mean(const kc_frames_t *f, const kc_config_t *config, kc_detection_t *det, kc_arm_state_t *arm,
-                    kc_pantilt_state_t *pantilt);
+void kc_frames_mean(const kc_frames_t *frames, const kc_config_t *config, kc_detection_t *det,
+                    kc_arm_state_t *arm, kc_pantilt_state_t *pantilt);
 
 #endif

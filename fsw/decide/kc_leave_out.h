@@ -30,7 +30,8 @@ bool kc_leave_out_repeated(const kc_config_t *config, const kc_plan_t *plan, con
 /* Evaluate the estimate without observation *without. fits: it explains the others; cost: of it. No observation that
  * was repeated is left out. *s is all zero at first, and after every answer but AGAIN; at most n_meas + 2 calls
  * until then. */
-kc_leave_out_answer_t kc_leave_out_next(kc_leave_out_t *s, const kc_config_t *config, const kc_plan_t *plan,
-                                        const kc_obs_t *obs, bool fits, double cost, uint32_t *without);
+kc_leave_out_answer_t kc_leave_out_next(kc_leave_out_t *search, const kc_config_t *config,
+                                        const kc_plan_t *plan, const kc_obs_t *obs, bool fits, double cost,
+                                        uint32_t *without);
 
 #endif

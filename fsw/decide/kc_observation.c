@@ -21,24 +21,24 @@ static void turn_cov(const double R[9], const double C[36], double out[36])
     }
 }
 
-static void fill_ctx(const kc_camera_t *cam, const kc_detection_t *det, const kc_posture_t *at, kc_ctx_t *c)
+static void fill_ctx(const kc_camera_t *cam, const kc_detection_t *det, const kc_posture_t *at, kc_ctx_t *ctx)
 {
     const kc_arm_state_t *arm = at->arm;
-    memset(c, 0, sizeof *c);
-    memcpy(c->q, arm->q, sizeof c->q);
-    memcpy(c->dir, arm->dir, sizeof c->dir);
-    memcpy(c->qdot, arm->dq, sizeof c->qdot);
-    kc_v3_copy(arm->g_m_s2, c->g_m_s2);
-    c->temp_c = arm->temp_c;
-    c->t_s = at->t_s;
-    c->payload_kg = arm->payload_kg;
-    c->range_m = det->range_m;
-    c->incid_rad = det->incid_rad;
-    c->u_norm = (det->u_px - cam->cx_px) / cam->fx_px;
-    c->v_norm = (det->v_px - cam->cy_px) / cam->fy_px;
-    c->pan_rad = at->pantilt->pan_rad;
-    c->tilt_rad = at->pantilt->tilt_rad;
-    kc_v3_copy(det->p_cam_tool_m, c->p_cam_tool_m);
+    memset(ctx, 0, sizeof *ctx);
+    memcpy(ctx->q, arm->q, sizeof ctx->q);
+    memcpy(ctx->dir, arm->dir, sizeof ctx->dir);
+    memcpy(ctx->qdot, arm->dq, sizeof ctx->qdot);
+    kc_v3_copy(arm->g_m_s2, ctx->g_m_s2);
+    ctx->temp_c = arm->temp_c;
+    ctx->t_s = at->t_s;
+    ctx->payload_kg = arm->payload_kg;
+    ctx->range_m = det->range_m;
+    ctx->incid_rad = det->incid_rad;
+    ctx->u_norm = (det->u_px - cam->cx_px) / cam->fx_px;
+    ctx->v_norm = (det->v_px - cam->cy_px) / cam->fy_px;
+    ctx->pan_rad = at->pantilt->pan_rad;
+    ctx->tilt_rad = at->pantilt->tilt_rad;
+    kc_v3_copy(det->p_cam_tool_m, ctx->p_cam_tool_m);
 }
 
 void kc_observation(const kc_camera_t *camera, const kc_detection_t *det, const kc_posture_t *at,
@@ -70,15 +70,15 @@ void kc_observation_residual(const kc_active_t *tables, const double *coef, cons
     if (predicted != NULL) { *predicted = eval.T; }
 }
 
-static void swap_solutions(kc_detection_t *d)
+static void swap_solutions(kc_detection_t *det)
 {
-    kc_detection_t s = *d;
-    memcpy(d->p_cam_tool_m, s.p_alt_m, sizeof d->p_cam_tool_m);
-    memcpy(d->q_cam_tool_wxyz, s.q_alt_wxyz, sizeof d->q_cam_tool_wxyz);
-    memcpy(d->p_alt_m, s.p_cam_tool_m, sizeof d->p_alt_m);
-    memcpy(d->q_alt_wxyz, s.q_cam_tool_wxyz, sizeof d->q_alt_wxyz);
-    d->rms_px = s.rms_alt_px;
-    d->rms_alt_px = s.rms_px;
+    kc_detection_t s = *det;
+    memcpy(det->p_cam_tool_m, s.p_alt_m, sizeof det->p_cam_tool_m);
+    memcpy(det->q_cam_tool_wxyz, s.q_alt_wxyz, sizeof det->q_cam_tool_wxyz);
+    memcpy(det->p_alt_m, s.p_cam_tool_m, sizeof det->p_alt_m);
+    memcpy(det->q_alt_wxyz, s.q_cam_tool_wxyz, sizeof det->q_alt_wxyz);
+    det->rms_px = s.rms_alt_px;
+    det->rms_alt_px = s.rms_px;
 }
 
 bool kc_observation_is_flipped(const kc_config_t *config, double rms_px, double rms_alt_px, double angle_rad,

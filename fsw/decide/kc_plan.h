@@ -35,42 +35,42 @@ typedef struct {
 } kc_plan_t;
 
 /* n_goal: poses requested; with local initial poses, which come on top, at least those a proposal needs. */
-void kc_plan_start(kc_plan_t *p, const kc_space_t *space, const kc_config_t *config, uint32_t n_goal);
+void kc_plan_start(kc_plan_t *plan, const kc_space_t *space, const kc_config_t *config, uint32_t n_goal);
 /* Begin again: all initial poses, in the order of the table. */
-void kc_plan_by_table(kc_plan_t *p, const kc_space_t *space, const kc_config_t *config);
+void kc_plan_by_table(kc_plan_t *plan, const kc_space_t *space, const kc_config_t *config);
 /* Local initial poses without tags: too few detections to determine the errors of the arm. Without any it
  * makes no larger moves, and with hardly any it does not leave the park pose. */
-bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space, const kc_config_t *config);
+bool kc_plan_no_tags(const kc_plan_t *plan, const kc_space_t *space, const kc_config_t *config);
 /* Everything that was requested is measured, or no more observations can be held. */
-bool kc_plan_complete(const kc_plan_t *p, const kc_space_t *space);
+bool kc_plan_complete(const kc_plan_t *plan, const kc_space_t *space);
 /* Measured enough for a proposal: local initial poses alone never are. */
-bool kc_plan_enough(const kc_plan_t *p);
+bool kc_plan_enough(const kc_plan_t *plan);
 /* Next pose that is not the acquisition's to choose: an initial pose or a replicate; false if there is none.
  * undetermined: the estimate leaves coefficients open, so reserve poses are of use. */
-bool kc_plan_next(kc_plan_t *p, const kc_space_t *space, uint32_t replicate_every, bool undetermined,
+bool kc_plan_next(kc_plan_t *plan, const kc_space_t *space, uint32_t replicate_every, bool undetermined,
                   uint32_t *cand);
 /* Whether local initial poses may be chosen by information: none but them was measured, none is to be repeated, and
  * eligible[] (KC_CAND_MAX), those that are left but for the reserve, is not empty. */
-bool kc_plan_local(const kc_plan_t *p, const kc_space_t *space, uint8_t *eligible);
+bool kc_plan_local(const kc_plan_t *plan, const kc_space_t *space, uint8_t *eligible);
 /* What may come after them: every candidate, or (in_order) the next initial pose of SPACE, if there is one left. */
-void kc_plan_after_local(const kc_plan_t *p, const kc_space_t *space, bool in_order, uint8_t *eligible);
+void kc_plan_after_local(const kc_plan_t *plan, const kc_space_t *space, bool in_order, uint8_t *eligible);
 /* An initial pose is begun that was chosen so. */
-void kc_plan_begin(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
+void kc_plan_begin(kc_plan_t *plan, const kc_space_t *space, uint32_t cand);
 /* The arm leaves the park pose: no local initial poses any more; without in_order no other ones either. */
-void kc_plan_leave(kc_plan_t *p, const kc_space_t *space, bool in_order);
+void kc_plan_leave(kc_plan_t *plan, const kc_space_t *space, bool in_order);
 /* The local initial pose of measurement i (from 0) is measured again, the next time; nothing if it was already. */
-void kc_plan_again(kc_plan_t *p, uint32_t i);
+void kc_plan_again(kc_plan_t *plan, uint32_t i);
 /* Candidate chosen: n_goal counts it. Returns how many times it was measured before. */
-uint32_t kc_plan_choose(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
-void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
+uint32_t kc_plan_choose(kc_plan_t *plan, const kc_space_t *space, uint32_t cand);
+void kc_plan_measured(kc_plan_t *plan, const kc_space_t *space, uint32_t cand);
 /* An observation was taken on the way to the candidate chosen. */
-void kc_plan_extra(kc_plan_t *p, kc_taken_at_t taken_at);
+void kc_plan_extra(kc_plan_t *plan, kc_taken_at_t taken_at);
 /* The newest observation, which is one of these, is dropped. */
-void kc_plan_drop_extra(kc_plan_t *p);
+void kc_plan_drop_extra(kc_plan_t *plan);
 /* Whether one may be: there is room for it and for all poses still to come. */
-bool kc_plan_has_room(const kc_plan_t *p);
+bool kc_plan_has_room(const kc_plan_t *plan);
 /* Whether every observation is that of a local initial pose. */
-bool kc_plan_only_local(const kc_plan_t *p);
-void kc_plan_skipped(kc_plan_t *p, uint32_t cand);
+bool kc_plan_only_local(const kc_plan_t *plan);
+void kc_plan_skipped(kc_plan_t *plan, uint32_t cand);
 
 #endif

@@ -19,11 +19,14 @@ bool kc_verdict_all_rejected(const kc_est_t *est)
 
 static bool many_rejected(const kc_est_t *est) { return REJECTED_PART * est->n_outliers > est->n_obs; }
 
-static bool poor(const kc_config_t *c, const kc_est_t *e, kc_status_t status, const kc_verdict_fit_t *fit)
+static bool poor(const kc_config_t *config, const kc_est_t *est, kc_status_t status,
+                 const kc_verdict_fit_t *fit)
 {
-    bool all_rejected = kc_verdict_all_rejected(e);
-    return status != KC_OK || e->dof == 0u || many_rejected(e) || fit->noise_scale > c->poor_noise_scale ||
-           ((fit->noise_scale > c->poor_noise_scale_unlikely || all_rejected) && fit->p_fit < c->poor_p_fit);
+    bool all_rejected = kc_verdict_all_rejected(est);
+    return status != KC_OK || est->dof == 0u || many_rejected(est) ||
+           fit->noise_scale > config->poor_noise_scale ||
+           ((fit->noise_scale > config->poor_noise_scale_unlikely || all_rejected) &&
+            fit->p_fit < config->poor_p_fit);
 }
 
 double kc_verdict_level(const kc_config_t *config, bool tested_early)

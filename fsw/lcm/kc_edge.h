@@ -36,16 +36,16 @@ typedef struct {
 } kc_edge_t;
 
 /* Subscribe. false with the reason on stderr. */
-bool kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app, bool live);
+bool kc_edge_open(kc_edge_t *edge, const char *url, kc_files_t *files, kc_app_t *app, bool live);
 /* Run until *stop is set; false if the network fails before, with the reason on stderr. */
-bool kc_edge_run(kc_edge_t *e, const volatile sig_atomic_t *stop);
+bool kc_edge_run(kc_edge_t *edge, const volatile sig_atomic_t *stop);
 /* One step of the component at now_us, its store requests written, its messages published. */
-void kc_edge_step(kc_edge_t *e, int64_t now_us);
+void kc_edge_step(kc_edge_t *edge, int64_t now_us);
 /* Parts of a step: the component's store requests, up to the first failure; its telemetry. */
-void kc_edge_store(kc_edge_t *e);
+void kc_edge_store(kc_edge_t *edge);
 void kc_edge_publish(kc_edge_t *e);
 /* Handle the KC_TIME received, if any: a new tick is stepped and answered, a repeated one answered. */
-void kc_edge_tick(kc_edge_t *e);
-void kc_edge_close(kc_edge_t *e);
+void kc_edge_tick(kc_edge_t *edge);
+void kc_edge_close(kc_edge_t *edge);
 
 #endif

@@ -93,48 +93,48 @@ typedef struct {
     uint64_t number; /* 0: it is not whole */
 } slot_t;
 
-static const char *read_content(int fd, const slot_t *s, uint32_t *crc)
+static const char *read_content(int fd, const slot_t *slot, uint32_t *crc)
 {
     uint8_t part[PART_BYTES];
     uint32_t n;
-    for (uint32_t at = 0u; at < s->n; at += n) {
-        n = s->n - at < PART_BYTES ? s->n - at : PART_BYTES;
+    for (uint32_t at = 0u; at < slot->n; at += n) {
+        n = slot->n - at < PART_BYTES ? slot->n - at : PART_BYTES;
         const char *wrong = read_all(fd, part, n);
         if (wrong != NULL) { return wrong; }
         *crc = kc_crc32(*crc, part, n);
-        if (s->into != NULL) { memcpy(&s->into[at], part, n); }
-        if (s->same != NULL && memcmp(&s->same[at], part, n) != 0) { return "other content"; }
+        if (slot->into != NULL) { memcpy(&slot->into[at], part, n); }
+        if (slot->same != NULL && memcmp(&slot->same[at], part, n) != 0) { return "other content"; }
     }
     return NULL;
 }
 
-static const char *read_open_slot(int fd, uint32_t n, uint16_t kind, slot_t *s)
+static const char *read_open_slot(int fd, uint32_t n, uint16_t kind, slot_t *slot)
 {
     uint8_t hdr[KC_SLOT_HDR_BYTES];
     if (n < KC_SLOT_HDR_BYTES) { return "cut short"; }
     const char *wrong = read_all(fd, hdr, KC_SLOT_HDR_BYTES);
     if (wrong != NULL) { return wrong; }
-    s->n = n - KC_SLOT_HDR_BYTES;
+    slot->n = n - KC_SLOT_HDR_BYTES;
     if (memcmp(hdr, s_magic, sizeof s_magic) != 0) { return "not a slot"; }
     if (get_le(&hdr[4], 2u) != kind) { return "of another kind"; }
-    if (get_le(&hdr[16], 4u) != s->n) { return "not of the size that it states"; }
+    if (get_le(&hdr[16], 4u) != slot->n) { return "not of the size that it states"; }
     uint32_t crc = kc_crc32(0u, hdr, CRC_AT);
-    wrong = read_content(fd, s, &crc);
+    wrong = read_content(fd, slot, &crc);
     if (wrong != NULL) { return wrong; }
     if (get_le(&hdr[CRC_AT], 4u) != crc) { return "damaged: its CRC is wrong"; }
-    s->number = get_le(&hdr[8], 8u);
-    return s->number != 0u ? NULL : "number 0";
+    slot->number = get_le(&hdr[8], 8u);
+    return slot->number != 0u ? NULL : "number 0";
 }
 
 /* Whole, or number 0 and why. A link is no slot: it would lead out of the store. */
-static const char *read_slot(int dir_fd, const char *name, uint16_t kind, slot_t *s)
+static const char *read_slot(int dir_fd, const char *name, uint16_t kind, slot_t *slot)
 {
     int fd = -1;
     uint32_t n = 0u;
-    s->number = 0u;
-    const char *wrong = open_file(dir_fd, name, O_NOFOLLOW, KC_SLOT_HDR_BYTES + s->most, &fd, &n);
+    slot->number = 0u;
+    const char *wrong = open_file(dir_fd, name, O_NOFOLLOW, KC_SLOT_HDR_BYTES + slot->most, &fd, &n);
     if (wrong != NULL) { return wrong; }
-    wrong = read_open_slot(fd, n, kind, s);
+    wrong = read_open_slot(fd, n, kind, slot);
     (void)close(fd);
     return wrong;
 }
@@ -276,14 +276,14 @@ typedef struct {
     bool said[KC_FILES_TABLES]; /* that it can't be used: they are read once for each kind */
 } list_t;
 
-static void insert(list_t *l, const char *name)
+static void insert(list_t *list, const char *name)
 {
-    uint32_t i = l->n++;
-    for (; i > 0u && strcmp(l->name[i - 1u], name) > 0; i--) {
-        memcpy(l->name[i], l->name[i - 1u], sizeof l->name[i]);
+    uint32_t i = list->n++;
+    for (; i > 0u && strcmp(list->name[i - 1u], name) > 0; i--) {
+        memcpy(list->name[i], list->name[i - 1u], sizeof list->name[i]);
     }
-    memset(l->name[i], 0, sizeof l->name[i]);
-    memcpy(l->name[i], name, strlen(name));
+    memset(list->name[i], 0, sizeof list->name[i]);
+    memcpy(list->name[i], name, strlen(name));
 }
 
 static bool is_table(const char *name)
@@ -293,19 +293,19 @@ static bool is_table(const char *name)
 }
 
 /* Of a list that could not be read to its end nothing is used: another table of the same kind might come first. */
-static bool list_tables(const char *dir, list_t *l)
+static bool list_tables(const char *dir, list_t *list)
 {
     const struct dirent *e;
     DIR *d = opendir(dir);
     if (d == NULL) { return complain("can't read the tables", dir); }
     errno = 0;
     while ((e = readdir(d)) != NULL) {
-        if (is_table(e->d_name) && l->n < KC_FILES_TABLES) { insert(l, e->d_name); }
+        if (is_table(e->d_name) && list->n < KC_FILES_TABLES) { insert(list, e->d_name); }
         errno = 0;
     }
     if (errno != 0) {
         (void)complain("can't read the tables to their end, so none is used:", dir);
-        l->n = 0u;
+        list->n = 0u;
     }
     (void)closedir(d);
     return true;
@@ -328,22 +328,22 @@ static const char *read_table(int dir_fd, const char *name, uint16_t kind, uint8
     return wrong;
 }
 
-static void refuse_table(list_t *l, uint32_t i, const char *why)
+static void refuse_table(list_t *list, uint32_t i, const char *why)
 {
-    if (!l->said[i]) { (void)say("can't use the table", l->name[i], why); }
-    l->said[i] = true;
+    if (!list->said[i]) { (void)say("can't use the table", list->name[i], why); }
+    list->said[i] = true;
 }
 
-static void offer_tables(int dir_fd, list_t *l, uint16_t kind, kc_app_t *app)
+static void offer_tables(int dir_fd, list_t *list, uint16_t kind, kc_app_t *app)
 {
     uint8_t *image = kc_app_image_room(app);
-    for (uint32_t i = 0u; i < l->n; i++) {
+    for (uint32_t i = 0u; i < list->n; i++) {
         uint32_t n = 0u;
-        const char *wrong = read_table(dir_fd, l->name[i], kind, image, &n);
-        if (wrong != NULL) { refuse_table(l, i, wrong); }
+        const char *wrong = read_table(dir_fd, list->name[i], kind, image, &n);
+        if (wrong != NULL) { refuse_table(list, i, wrong); }
         if (n == 0u) { continue; }
         kc_status_t st = kc_app_load(app, kind, image, n);
-        if (st != KC_OK && st != KC_ERR_STATE) { refuse_table(l, i, kc_status_name(st)); }
+        if (st != KC_OK && st != KC_ERR_STATE) { refuse_table(list, i, kc_status_name(st)); }
     }
 }
 
@@ -389,30 +389,33 @@ static int make_tmp(const kc_files_t *files, const char *name)
 }
 
 /* Its pages are dropped at the end, so that it is read back from the medium. */
-static bool write_tmp(const kc_files_t *files, const char *name, const uint8_t *hdr, const kc_store_t *s)
+static bool write_tmp(const kc_files_t *files, const char *name, const uint8_t *hdr,
+                      const kc_store_t *request)
 {
     int fd = make_tmp(files, name);
     if (fd < 0) { return false; }
-    bool good = write_all(fd, hdr, KC_SLOT_HDR_BYTES) && write_all(fd, s->data, s->n) && fsync(fd) == 0;
+    bool good = write_all(fd, hdr, KC_SLOT_HDR_BYTES) && write_all(fd, request->data, request->n) &&
+                fsync(fd) == 0;
     (void)posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED);
     return close(fd) == 0 && good;
 }
 
 /* Whether the slot holds this data under this number. */
-static bool holds(const kc_files_t *files, const char *name, const kc_store_t *s, uint64_t number)
+static bool holds(const kc_files_t *files, const char *name, const kc_store_t *request, uint64_t number)
 {
-    slot_t slot = {.most = s->n, .same = s->data};
-    return read_slot(files->dir_fd, name, s->kind, &slot) == NULL && slot.number == number && slot.n == s->n;
+    slot_t slot = {.most = request->n, .same = request->data};
+    return read_slot(files->dir_fd, name, request->kind, &slot) == NULL && slot.number == number &&
+           slot.n == request->n;
 }
 
-static void make_header(uint8_t *hdr, const kc_store_t *s, uint64_t number)
+static void make_header(uint8_t *hdr, const kc_store_t *request, uint64_t number)
 {
     memset(hdr, 0, KC_SLOT_HDR_BYTES);
     memcpy(hdr, s_magic, sizeof s_magic);
-    put_le(&hdr[4], s->kind, 2u);
+    put_le(&hdr[4], request->kind, 2u);
     put_le(&hdr[8], number, 8u);
-    put_le(&hdr[16], s->n, 4u);
-    put_le(&hdr[CRC_AT], kc_crc32(kc_crc32(0u, hdr, CRC_AT), s->data, s->n), 4u);
+    put_le(&hdr[16], request->n, 4u);
+    put_le(&hdr[CRC_AT], kc_crc32(kc_crc32(0u, hdr, CRC_AT), request->data, request->n), 4u);
 }
 
 static kc_status_t bad_tmp(const kc_files_t *files, const char *tmp, kc_status_t st)
@@ -423,19 +426,19 @@ static kc_status_t bad_tmp(const kc_files_t *files, const char *tmp, kc_status_t
 
 /* In place of a slot, and only what reads back as it was written: a kill at any point leaves the old or the new
  * one. *there: the new one is, though perhaps not for certain. */
-static kc_status_t put_slot(const kc_files_t *files, const char *name, const kc_store_t *s, uint64_t number,
-                            bool *there)
+static kc_status_t put_slot(const kc_files_t *files, const char *name, const kc_store_t *request,
+                            uint64_t number, bool *there)
 {
     char tmp[NAME_MAX_];
     uint8_t hdr[KC_SLOT_HDR_BYTES];
-    make_header(hdr, s, number);
-    tmp_name(s->kind, tmp);
+    make_header(hdr, request, number);
+    tmp_name(request->kind, tmp);
     *there = false;
-    if (!write_tmp(files, tmp, hdr, s)) {
+    if (!write_tmp(files, tmp, hdr, request)) {
         (void)complain("can't write", name);
         return bad_tmp(files, tmp, KC_ERR_NUM);
     }
-    if (!holds(files, tmp, s, number)) {
+    if (!holds(files, tmp, request, number)) {
         (void)fprintf(stderr, "kincal-fsw: %s does not read back as it was written\n", name);
         return bad_tmp(files, tmp, KC_ERR_CRC);
     }
@@ -449,27 +452,27 @@ static kc_status_t put_slot(const kc_files_t *files, const char *name, const kc_
 
 /* Numbers are those of what was written, not read again: a slot that could not be read for once would make the older
  * one the newest. */
-static kc_status_t write_slot(kc_files_t *files, const kc_store_t *s)
+static kc_status_t write_slot(kc_files_t *files, const kc_store_t *request)
 {
-    uint64_t *num = files->number[s->kind];
+    uint64_t *num = files->number[request->kind];
     unsigned slot = older(num);
     char name[NAME_MAX_];
     bool there = false;
-    slot_name(s->kind, 1u - slot, name);
-    if (num[1u - slot] > 0u && holds(files, name, s, num[1u - slot])) {
+    slot_name(request->kind, 1u - slot, name);
+    if (num[1u - slot] > 0u && holds(files, name, request, num[1u - slot])) {
         return sync_dir(files) ? KC_OK : KC_ERR_NUM;
     }
-    slot_name(s->kind, slot, name);
-    bool same = num[slot] > 0u && holds(files, name, s, num[slot]);
+    slot_name(request->kind, slot, name);
+    bool same = num[slot] > 0u && holds(files, name, request, num[slot]);
     uint64_t next = after(num[1u - slot]);
-    kc_status_t st = put_slot(files, name, s, next, &there);
+    kc_status_t st = put_slot(files, name, request, next, &there);
     if (!there) { return st; }
     num[slot] = next;
-    files->there[s->kind][slot] = 1u;
+    files->there[request->kind][slot] = 1u;
     /* Half done: the newest before is so again. But this may be the only copy of what was here already. */
     if (st != KC_OK && !same && unlinkat(files->dir_fd, name, 0) == 0) {
         num[slot] = 0u;
-        files->there[s->kind][slot] = 0u;
+        files->there[request->kind][slot] = 0u;
         (void)sync_dir(files);
     }
     return st;
@@ -496,7 +499,7 @@ static kc_status_t delete_slots(kc_files_t *files, uint16_t kind)
     return KC_OK;
 }
 
-kc_status_t kc_files_store(kc_files_t *files, const kc_store_t *s)
+kc_status_t kc_files_store(kc_files_t *files, const kc_store_t *request)
 {
-    return s->n > 0u ? write_slot(files, s) : delete_slots(files, s->kind);
+    return request->n > 0u ? write_slot(files, request) : delete_slots(files, request->kind);
 }

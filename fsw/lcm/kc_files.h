@@ -41,6 +41,6 @@ int kc_files_load(kc_files_t *files, const char *tables, kc_app_t *app);
 
 /* Write and read back, or (n = 0) delete. KC_OK, or KC_ERR_NUM (not written) or KC_ERR_CRC (reads otherwise) with
  * the reason on stderr; the newest slot is what it was then, as far as the medium obeys. */
-kc_status_t kc_files_store(kc_files_t *files, const kc_store_t *s);
+kc_status_t kc_files_store(kc_files_t *files, const kc_store_t *request);
 
 #endif

@@ -17,14 +17,14 @@ static uint32_t arm_frame(uint32_t frame, uint32_t n)
     return frame > n ? n : frame;
 }
 
-double kc_bounds_verified(const kc_space_t *s, uint32_t frame, uint32_t comp)
+double kc_bounds_verified(const kc_space_t *space, uint32_t frame, uint32_t comp)
 {
-    const uint32_t n = s->n_joints, f = arm_frame(frame, n);
+    const uint32_t n = space->n_joints, f = arm_frame(frame, n);
     const bool angle = comp >= KC_RX;
     const bool x = comp == KC_TX || comp == KC_RX, z = comp == KC_TZ || comp == KC_RZ;
     double after = 0.0, before = 0.0;
-    if (f > 0u) { after = angle ? s->verified[f - 1u].alpha_rad : s->verified[f - 1u].a_m; }
-    if (f < n) { before = angle ? s->verified[f].phi_rad : s->verified[f].d_m; }
+    if (f > 0u) { after = angle ? space->verified[f - 1u].alpha_rad : space->verified[f - 1u].a_m; }
+    if (f < n) { before = angle ? space->verified[f].phi_rad : space->verified[f].d_m; }
     if (f == 0u || (z && f < n)) { return before; }
     if (f == n || x) { return after; }
     return kc_min(before, after);
@@ -105,11 +105,11 @@ static range_t arm_range(const kc_arm_t *arm, const kc_basis_t *b)
     }
 }
 
-static range_t range_of(const kc_arm_t *arm, const kc_basis_t *b)
+static range_t range_of(const kc_arm_t *arm, const kc_basis_t *basis)
 {
-    switch ((kc_var_t)b->var) {
+    switch ((kc_var_t)basis->var) {
     case KC_VAR_TEMP: return between(KC_BOUNDS_TEMP_MIN_C, KC_BOUNDS_TEMP_MAX_C);
-    case KC_VAR_T: return between(b->c0 - KC_BOUNDS_TIME_S, b->c0 + KC_BOUNDS_TIME_S);
+    case KC_VAR_T: return between(basis->c0 - KC_BOUNDS_TIME_S, basis->c0 + KC_BOUNDS_TIME_S);
     case KC_VAR_PAYLOAD: return between(0.0, KC_BOUNDS_PAYLOAD_KG);
     case KC_VAR_RANGE: return between(0.0, KC_BOUNDS_DISTANCE_M);
     case KC_VAR_XCAM:
@@ -123,17 +123,17 @@ static range_t range_of(const kc_arm_t *arm, const kc_basis_t *b)
     case KC_VAR_R2: return between(0.0, 2.0);
     case KC_VAR_PAN:
     case KC_VAR_TILT: return within(KC_PI);
-    default: return arm_range(arm, b);
+    default: return arm_range(arm, basis);
     }
 }
 
-static double basis_size(const kc_arm_t *arm, const kc_basis_t *b)
+static double basis_size(const kc_arm_t *arm, const kc_basis_t *basis)
 {
-    if (b->var == KC_VAR_ONE) { return 1.0; }
-    const range_t x = range_of(arm, b);
-    const double far = kc_max(kc_fabs(x.lo - b->c0), kc_fabs(x.hi - b->c0));
-    const double z = kc_min(kc_fabs(b->c1) * far, ARG_MAX);
-    switch ((kc_fn_t)b->fn) {
+    if (basis->var == KC_VAR_ONE) { return 1.0; }
+    const range_t x = range_of(arm, basis);
+    const double far = kc_max(kc_fabs(x.lo - basis->c0), kc_fabs(x.hi - basis->c0));
+    const double z = kc_min(kc_fabs(basis->c1) * far, ARG_MAX);
+    switch ((kc_fn_t)basis->fn) {
     case KC_FN_LIN:
     case KC_FN_ABS: return z;
     case KC_FN_SIN:
@@ -157,17 +157,17 @@ static double bound_of(const kc_coef_t *c)
     return c->enabled != 0u ? kc_max(kc_fabs(c->lb), kc_fabs(c->ub)) : 0.0;
 }
 
-kc_status_t kc_bounds_check(const kc_space_t *s, const kc_arm_t *arm, const kc_terms_t *t,
+kc_status_t kc_bounds_check(const kc_space_t *space, const kc_arm_t *arm, const kc_terms_t *terms,
                             kc_bounds_bad_t *bad)
 {
     double sum[KC_FRAME_COUNT][6];
     memset(sum, 0, sizeof sum);
     memset(bad, 0, sizeof *bad);
-    for (uint32_t k = 0u; k < t->n_term; k++) {
-        const kc_term_t *term = &t->term[k];
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        const kc_term_t *term = &terms->term[k];
         double *here = &sum[term->frame][term->comp];
-        const double verified = kc_bounds_verified(s, term->frame, term->comp);
-        const double bound = bound_of(&t->coef[term->coef]);
+        const double verified = kc_bounds_verified(space, term->frame, term->comp);
+        const double bound = bound_of(&terms->coef[term->coef]);
         if (bound == 0.0) { continue; }
         *here += bound * kc_bounds_size(arm, term);
         if (*here <= ROUNDING * KC_BOUNDS_EXCESS * verified) { continue; }

@@ -25,7 +25,7 @@
 
 /* Error that the space was verified for at a frame along an axis [rad or m]; frame and comp as kc_terms_validate
  * allows. */
-double kc_bounds_verified(const kc_space_t *s, uint32_t frame, uint32_t comp);
+double kc_bounds_verified(const kc_space_t *space, uint32_t frame, uint32_t comp);
 
 /* Largest size of gain x basis x basis [rad or m per unit of the coefficient]: not smaller than any value that flight
  * can meet. O(n_joints). */
@@ -39,7 +39,7 @@ typedef struct {
 } kc_bounds_bad_t;
 
 /* KC_OK; KC_ERR_RANGE with *bad set. All three tables validated, with as many joints. O(n_term n_joints). */
-kc_status_t kc_bounds_check(const kc_space_t *s, const kc_arm_t *arm, const kc_terms_t *t,
+kc_status_t kc_bounds_check(const kc_space_t *space, const kc_arm_t *arm, const kc_terms_t *terms,
                             kc_bounds_bad_t *bad);
 /* Bound of the instructions of kc_bounds_check for so many terms. */
 uint64_t kc_bounds_cost(uint32_t n_term);

@@ -84,21 +84,21 @@ typedef struct {
 
 /* Whether the segment between two candidates is verified and may be used; false for one that does not exist, and for local
  * initial poses, which have none but that to hub 0. */
-bool kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j);
+bool kc_space_edge(const kc_space_t *space, uint32_t i, uint32_t j);
 
 /* Whether a candidate that exists is a local initial pose, and one in reserve; the number of local initial
  * poses. */
-bool kc_space_local(const kc_space_t *s, uint32_t cand);
-bool kc_space_reserve(const kc_space_t *s, uint32_t cand);
-uint32_t kc_space_n_local(const kc_space_t *s);
+bool kc_space_local(const kc_space_t *space, uint32_t cand);
+bool kc_space_reserve(const kc_space_t *space, uint32_t cand);
+uint32_t kc_space_n_local(const kc_space_t *space);
 
 /* Number of stops of a candidate that exists. */
-uint32_t kc_space_n_stops(const kc_space_t *s, uint32_t cand);
+uint32_t kc_space_n_stops(const kc_space_t *space, uint32_t cand);
 /* Joints at its stop i (below that number). */
-void kc_space_stop(const kc_space_t *s, uint32_t cand, uint32_t i, double *q);
+void kc_space_stop(const kc_space_t *space, uint32_t cand, uint32_t i, double *q);
 /* Whether stop i of a candidate is one that flight can make: in order, after the last one there is none, local initial
  * poses have none. */
-bool kc_space_stop_fits(const kc_space_t *s, uint32_t cand, uint32_t i);
+bool kc_space_stop_fits(const kc_space_t *space, uint32_t cand, uint32_t i);
 
 /* First problem found: KC_ERR_RANGE, *got = the value, *index = candidate, KC_SPACE_INDEX_HUB + hub,
  * KC_SPACE_INDEX_INITIAL + place in the list of initial poses, KC_SPACE_INDEX_BODY + body,
@@ -111,6 +111,6 @@ bool kc_space_stop_fits(const kc_space_t *s, uint32_t cand, uint32_t i);
 #define KC_SPACE_INDEX_BODY 4000
 #define KC_SPACE_INDEX_VOLUME 5000
 #define KC_SPACE_INDEX_VERIFIED 6000
-kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t *index, double *got);
+kc_status_t kc_space_validate(const kc_space_t *space, const kc_arm_t *arm, int32_t *index, double *got);
 
 #endif

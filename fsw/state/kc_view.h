@@ -47,16 +47,16 @@ typedef struct {
     kc_ended_t ended;  /* why it proposes; NOT: it goes on, or is aborted */
 } kc_cal_t;
 
-/* What the newest pose taught. */
+/* The estimate with the poses so far, and what follows from it. */
 typedef struct {
     kc_status_t status;       /* of the estimator */
     double coef[KC_COEF_MAX]; /* latest correction, for aiming and for f */
     bool gp_ok;
     bool trusted;   /* the estimate predicted the newest pose better */
     kc_ended_t ended; /* REQUIREMENT or NO_CHANGE: no more poses are needed */
-    kc_miss_t res;  /* residual of the newest pose before it was used */
+    kc_residual_t res;  /* residual of the newest pose before it was used */
     double f, gp_mean, gp_sigma;
-    kc_miss_t pred; /* predicted sigma over the search space */
+    kc_residual_t pred; /* predicted sigma over the search space */
     bool tested_early;       /* the table in force was tested before the end */
     uint32_t n_checked; /* poses in a row that were predicted as well as required, before they were used */
     kc_leave_out_t leave_out; /* search for a bad detection among the local initial poses */

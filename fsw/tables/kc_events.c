@@ -55,25 +55,25 @@ const char *kc_cause_text(int32_t cause)
     return cause >= 0 && cause < (int32_t)KC_CAUSE_COUNT ? s_cause[cause] : "";
 }
 
-static bool recorded(const kc_events_t *q, kc_event_id_t id, int32_t index)
+static bool recorded(const kc_events_t *events, kc_event_id_t id, int32_t index)
 {
-    for (uint32_t i = 0u; i < q->n; i++) {
-        if (q->e[i].id == (uint16_t)id && q->e[i].index == index) { return true; }
+    for (uint32_t i = 0u; i < events->n; i++) {
+        if (events->e[i].id == (uint16_t)id && events->e[i].index == index) { return true; }
     }
     return false;
 }
 
-void kc_event(kc_events_t *q, kc_event_id_t id, int32_t index, double got, double want)
+void kc_event(kc_events_t *events, kc_event_id_t id, int32_t index, double got, double want)
 {
-    if (recorded(q, id, index)) { return; }
-    if (q->n >= KC_EVENTS_MAX) {
-        q->dropped++;
+    if (recorded(events, id, index)) { return; }
+    if (events->n >= KC_EVENTS_MAX) {
+        events->dropped++;
         return;
     }
-    q->e[q->n].id = (uint16_t)id;
-    q->e[q->n].severity = (uint8_t)kc_event_severity((uint16_t)id);
-    q->e[q->n].index = index;
-    q->e[q->n].got = got;
-    q->e[q->n].want = want;
-    q->n++;
+    events->e[events->n].id = (uint16_t)id;
+    events->e[events->n].severity = (uint8_t)kc_event_severity((uint16_t)id);
+    events->e[events->n].index = index;
+    events->e[events->n].got = got;
+    events->e[events->n].want = want;
+    events->n++;
 }

@@ -400,7 +400,7 @@ typedef struct {
 
 /* Record; counts as dropped when full. A repeat of the same id and index within one step is
  * recorded once. */
-void kc_event(kc_events_t *q, kc_event_id_t id, int32_t index, double got, double want);
+void kc_event(kc_events_t *events, kc_event_id_t id, int32_t index, double got, double want);
 
 /* The dictionary. An unknown id: "UNKNOWN", "", "", KC_SEV_ERROR; never NULL. */
 const char *kc_event_name(uint16_t id);

@@ -165,9 +165,9 @@ kc_status_t kc_tbl_decode(uint16_t kind, const uint8_t *image, uint32_t n, void 
 
 /* ---- What a table needs of the others ---- */
 
-static kc_status_t needs(const kc_tables_t *t, uint16_t kind, kc_events_t *ev)
+static kc_status_t needs(const kc_tables_t *tables, uint16_t kind, kc_events_t *ev)
 {
-    if (t->active.crc[kind] != 0u) { return KC_OK; }
+    if (tables->active.crc[kind] != 0u) { return KC_OK; }
     kc_event(ev, KC_EVT_TBL_MISSING, (int32_t)kind, 0.0, 0.0);
     return KC_ERR_STATE;
 }
@@ -205,12 +205,12 @@ static kc_status_t kin_in_bounds(const kc_kin_t *kin, const kc_terms_t *terms, k
     return KC_ERR_RANGE;
 }
 
-kc_status_t kc_tbl_kin_fits(const kc_tables_t *t, const kc_kin_t *kin, kc_events_t *ev)
+kc_status_t kc_tbl_kin_fits(const kc_tables_t *tables, const kc_kin_t *kin, kc_events_t *ev)
 {
-    const uint32_t *crc = t->active.crc;
-    kc_status_t st = needs(t, KC_TBL_ARM, ev);
-    if (st == KC_OK) { st = needs(t, KC_TBL_TERMS, ev); }
-    if (st == KC_OK && kin->n_coef != t->active.terms.n_coef) {
+    const uint32_t *crc = tables->active.crc;
+    kc_status_t st = needs(tables, KC_TBL_ARM, ev);
+    if (st == KC_OK) { st = needs(tables, KC_TBL_TERMS, ev); }
+    if (st == KC_OK && kin->n_coef != tables->active.terms.n_coef) {
         kc_event(ev, KC_EVT_TBL_RANGE, -1, (double)kin->n_coef, 1.0);
         kc_event(ev, KC_EVT_TBL_BAD_TOTAL, KC_TBL_KIN, 1.0, 0.0);
         st = KC_ERR_RANGE;
@@ -218,38 +218,38 @@ kc_status_t kc_tbl_kin_fits(const kc_tables_t *t, const kc_kin_t *kin, kc_events
     if (st != KC_OK || kin->arm_crc == 0u) { return st; } /* nominal: zeros fit every arm */
     st = built_for(KC_TBL_KIN, kin->arm_crc, crc[KC_TBL_ARM], ev);
     if (st == KC_OK) { st = built_for(KC_TBL_KIN, kin->terms_crc, crc[KC_TBL_TERMS], ev); }
-    return st == KC_OK ? kin_in_bounds(kin, &t->active.terms, ev) : st;
+    return st == KC_OK ? kin_in_bounds(kin, &tables->active.terms, ev) : st;
 }
 
 /* Whether SPACE was verified for every arm that TERMS can describe. Checked by whichever of them comes second. */
-static kc_status_t verified(const kc_space_t *s, const kc_terms_t *terms, const kc_arm_t *arm,
+static kc_status_t verified(const kc_space_t *space, const kc_terms_t *terms, const kc_arm_t *arm,
                             kc_event_id_t id, kc_events_t *ev)
 {
     kc_bounds_bad_t bad;
-    if (kc_bounds_check(s, arm, terms, &bad) == KC_OK) { return KC_OK; }
+    if (kc_bounds_check(space, arm, terms, &bad) == KC_OK) { return KC_OK; }
     kc_event(ev, id, (int32_t)bad.coef, bad.sum, bad.verified);
     return KC_ERR_STATE;
 }
 
-static kc_status_t check_bounds(const kc_active_t *a, uint16_t kind, const void *src, kc_events_t *ev)
+static kc_status_t check_bounds(const kc_active_t *active, uint16_t kind, const void *src, kc_events_t *ev)
 {
-    if (kind == KC_TBL_TERMS && a->crc[KC_TBL_SPACE] != 0u) {
-        return verified(&a->space, src, &a->arm, KC_EVT_TBL_TERMS_WIDE, ev);
+    if (kind == KC_TBL_TERMS && active->crc[KC_TBL_SPACE] != 0u) {
+        return verified(&active->space, src, &active->arm, KC_EVT_TBL_TERMS_WIDE, ev);
     }
-    if (kind == KC_TBL_SPACE && a->crc[KC_TBL_TERMS] != 0u) {
-        return verified(src, &a->terms, &a->arm, KC_EVT_TBL_SPACE_NARROW, ev);
+    if (kind == KC_TBL_SPACE && active->crc[KC_TBL_TERMS] != 0u) {
+        return verified(src, &active->terms, &active->arm, KC_EVT_TBL_SPACE_NARROW, ev);
     }
     return KC_OK;
 }
 
 /* Rules of `src` that lean on the active tables. */
-static kc_status_t check_depends(const kc_tables_t *t, uint16_t kind, const void *src, kc_events_t *ev)
+static kc_status_t check_depends(const kc_tables_t *tables, uint16_t kind, const void *src, kc_events_t *ev)
 {
-    const kc_active_t *a = &t->active;
+    const kc_active_t *a = &tables->active;
     kc_status_t st;
-    if (kind == KC_TBL_KIN) { return kc_tbl_kin_fits(t, src, ev); }
+    if (kind == KC_TBL_KIN) { return kc_tbl_kin_fits(tables, src, ev); }
     if (kind != KC_TBL_TERMS && kind != KC_TBL_SPACE) { return KC_OK; }
-    st = needs(t, KC_TBL_ARM, ev);
+    st = needs(tables, KC_TBL_ARM, ev);
     if (st == KC_OK && kind == KC_TBL_SPACE) {
         const kc_space_t *s = src;
         st = built_for(KC_TBL_SPACE, s->arm_crc, a->crc[KC_TBL_ARM], ev);
@@ -269,9 +269,9 @@ static const size_t s_at[KC_TBL_COUNT] = {
     [KC_TBL_CONFIG] = offsetof(kc_active_t, config),
 };
 
-const void *kc_tbl_active_ptr(const kc_active_t *a, uint16_t kind)
+const void *kc_tbl_active_ptr(const kc_active_t *active, uint16_t kind)
 {
-    return kind >= 1u && kind < KC_TBL_COUNT ? (const uint8_t *)a + s_at[kind] : NULL;
+    return kind >= 1u && kind < KC_TBL_COUNT ? (const uint8_t *)active + s_at[kind] : NULL;
 }
 
 uint32_t kc_tbl_active_bytes(uint16_t kind)
@@ -280,10 +280,10 @@ uint32_t kc_tbl_active_bytes(uint16_t kind)
 }
 
 /* Memory is compared with this while flight runs. */
-static void seal(kc_active_t *a, uint16_t kind)
+static void seal(kc_active_t *active, uint16_t kind)
 {
-    const void *data = kind == 0u ? &a->kin_prev : kc_tbl_active_ptr(a, kind);
-    a->seal[kind] = kc_crc32(0u, data, kc_tbl_active_bytes(kind));
+    const void *data = kind == 0u ? &active->kin_prev : kc_tbl_active_ptr(active, kind);
+    active->seal[kind] = kc_crc32(0u, data, kc_tbl_active_bytes(kind));
 }
 
 static void drop_event(uint16_t kind, double built_crc, double active_crc, kc_events_t *ev)
@@ -292,88 +292,88 @@ static void drop_event(uint16_t kind, double built_crc, double active_crc, kc_ev
 }
 
 /* No correction: what KIN falls back to. Without terms there is not even that. */
-static void set_nominal(kc_active_t *a)
+static void set_nominal(kc_active_t *active)
 {
-    memset(&a->kin, 0, sizeof a->kin);
-    a->crc[KC_TBL_KIN] = 0u;
-    if (a->crc[KC_TBL_TERMS] == 0u) { return; }
-    a->kin.n_coef = a->terms.n_coef;
-    a->crc[KC_TBL_KIN] = table_crc(KC_TBL_KIN, &a->kin);
-    seal(a, KC_TBL_KIN);
+    memset(&active->kin, 0, sizeof active->kin);
+    active->crc[KC_TBL_KIN] = 0u;
+    if (active->crc[KC_TBL_TERMS] == 0u) { return; }
+    active->kin.n_coef = active->terms.n_coef;
+    active->crc[KC_TBL_KIN] = table_crc(KC_TBL_KIN, &active->kin);
+    seal(active, KC_TBL_KIN);
 }
 
-static bool kin_still_fits(const kc_active_t *a, const kc_kin_t *kin)
+static bool kin_still_fits(const kc_active_t *active, const kc_kin_t *kin)
 {
-    if (a->crc[KC_TBL_TERMS] == 0u || kin->n_coef != a->terms.n_coef) { return false; }
+    if (active->crc[KC_TBL_TERMS] == 0u || kin->n_coef != active->terms.n_coef) { return false; }
     if (kin->arm_crc == 0u) { return true; }
-    return kin->arm_crc == a->crc[KC_TBL_ARM] && kin->terms_crc == a->crc[KC_TBL_TERMS];
+    return kin->arm_crc == active->crc[KC_TBL_ARM] && kin->terms_crc == active->crc[KC_TBL_TERMS];
 }
 
-static void refit_kin(kc_active_t *a, kc_events_t *ev)
+static void refit_kin(kc_active_t *active, kc_events_t *ev)
 {
-    if (a->kin_prev_crc != 0u && !kin_still_fits(a, &a->kin_prev)) {
-        memset(&a->kin_prev, 0, sizeof a->kin_prev);
-        a->kin_prev_crc = 0u;
+    if (active->kin_prev_crc != 0u && !kin_still_fits(active, &active->kin_prev)) {
+        memset(&active->kin_prev, 0, sizeof active->kin_prev);
+        active->kin_prev_crc = 0u;
     }
-    if (a->crc[KC_TBL_KIN] != 0u && kin_still_fits(a, &a->kin)) { return; }
-    if (a->kin.arm_crc != 0u) { /* replacing one nominal table by another is no news */
-        bool by_arm = a->kin.arm_crc != a->crc[KC_TBL_ARM];
-        drop_event(KC_TBL_KIN, by_arm ? (double)a->kin.arm_crc : (double)a->kin.terms_crc,
-                   by_arm ? (double)a->crc[KC_TBL_ARM] : (double)a->crc[KC_TBL_TERMS], ev);
+    if (active->crc[KC_TBL_KIN] != 0u && kin_still_fits(active, &active->kin)) { return; }
+    if (active->kin.arm_crc != 0u) { /* replacing one nominal table by another is no news */
+        bool by_arm = active->kin.arm_crc != active->crc[KC_TBL_ARM];
+        drop_event(KC_TBL_KIN, by_arm ? (double)active->kin.arm_crc : (double)active->kin.terms_crc,
+                   by_arm ? (double)active->crc[KC_TBL_ARM] : (double)active->crc[KC_TBL_TERMS], ev);
     }
-    set_nominal(a);
+    set_nominal(active);
 }
 
 /* The ARM table has changed: drop what was made for the old one. */
-static void refit_to_arm(kc_active_t *a, uint32_t old_crc, kc_events_t *ev)
+static void refit_to_arm(kc_active_t *active, uint32_t old_crc, kc_events_t *ev)
 {
     int32_t index;
     double got;
-    if (a->crc[KC_TBL_TERMS] != 0u &&
-        (!made_for_arm(&a->terms, &a->arm) ||
-         kc_terms_validate(&a->terms, a->arm.n_joints, &index, &got) != KC_OK)) {
-        drop_event(KC_TBL_TERMS, (double)old_crc, (double)a->crc[KC_TBL_ARM], ev);
-        a->crc[KC_TBL_TERMS] = 0u;
-        memset(&a->terms, 0, sizeof a->terms);
+    if (active->crc[KC_TBL_TERMS] != 0u &&
+        (!made_for_arm(&active->terms, &active->arm) ||
+         kc_terms_validate(&active->terms, active->arm.n_joints, &index, &got) != KC_OK)) {
+        drop_event(KC_TBL_TERMS, (double)old_crc, (double)active->crc[KC_TBL_ARM], ev);
+        active->crc[KC_TBL_TERMS] = 0u;
+        memset(&active->terms, 0, sizeof active->terms);
     }
-    if (a->crc[KC_TBL_SPACE] != 0u && a->space.arm_crc != a->crc[KC_TBL_ARM]) {
-        drop_event(KC_TBL_SPACE, (double)a->space.arm_crc, (double)a->crc[KC_TBL_ARM], ev);
-        a->crc[KC_TBL_SPACE] = 0u;
-        memset(&a->space, 0, sizeof a->space);
+    if (active->crc[KC_TBL_SPACE] != 0u && active->space.arm_crc != active->crc[KC_TBL_ARM]) {
+        drop_event(KC_TBL_SPACE, (double)active->space.arm_crc, (double)active->crc[KC_TBL_ARM], ev);
+        active->crc[KC_TBL_SPACE] = 0u;
+        memset(&active->space, 0, sizeof active->space);
     }
 }
 
-static void make_active(kc_active_t *a, uint16_t kind, const void *src, uint32_t crc, kc_events_t *ev)
+static void make_active(kc_active_t *active, uint16_t kind, const void *src, uint32_t crc, kc_events_t *ev)
 {
-    uint32_t old_crc = a->crc[kind];
-    memcpy((uint8_t *)a + s_at[kind], src, kc_layout_struct_bytes(kind));
-    a->crc[kind] = crc;
-    seal(a, kind);
+    uint32_t old_crc = active->crc[kind];
+    memcpy((uint8_t *)active + s_at[kind], src, kc_layout_struct_bytes(kind));
+    active->crc[kind] = crc;
+    seal(active, kind);
     kc_event(ev, KC_EVT_TBL_ACTIVATED, (int32_t)kind, (double)crc, 0.0);
-    if (kind == KC_TBL_ARM && old_crc != crc) { refit_to_arm(a, old_crc, ev); }
-    if (kind == KC_TBL_ARM || kind == KC_TBL_TERMS) { refit_kin(a, ev); }
+    if (kind == KC_TBL_ARM && old_crc != crc) { refit_to_arm(active, old_crc, ev); }
+    if (kind == KC_TBL_ARM || kind == KC_TBL_TERMS) { refit_kin(active, ev); }
 }
 
-static void keep_prev(kc_active_t *a)
+static void keep_prev(kc_active_t *active)
 {
-    if (a->crc[KC_TBL_KIN] == 0u) { return; }
-    a->kin_prev = a->kin;
-    a->kin_prev_crc = a->crc[KC_TBL_KIN];
-    seal(a, 0u);
+    if (active->crc[KC_TBL_KIN] == 0u) { return; }
+    active->kin_prev = active->kin;
+    active->kin_prev_crc = active->crc[KC_TBL_KIN];
+    seal(active, 0u);
 }
 
-kc_status_t kc_tbl_set_kin(kc_tables_t *t, const kc_kin_t *kin, kc_events_t *ev)
+kc_status_t kc_tbl_set_kin(kc_tables_t *tables, const kc_kin_t *kin, kc_events_t *ev)
 {
-    kc_status_t st = kc_tbl_kin_fits(t, kin, ev);
+    kc_status_t st = kc_tbl_kin_fits(tables, kin, ev);
     if (st != KC_OK) { return st; }
-    keep_prev(&t->active);
-    make_active(&t->active, KC_TBL_KIN, kin, table_crc(KC_TBL_KIN, kin), ev);
+    keep_prev(&tables->active);
+    make_active(&tables->active, KC_TBL_KIN, kin, table_crc(KC_TBL_KIN, kin), ev);
     return KC_OK;
 }
 
-kc_status_t kc_tbl_rollback(kc_tables_t *t, kc_events_t *ev)
+kc_status_t kc_tbl_rollback(kc_tables_t *tables, kc_events_t *ev)
 {
-    kc_active_t *a = &t->active;
+    kc_active_t *a = &tables->active;
     if (a->kin_prev_crc == 0u) {
         kc_event(ev, KC_EVT_COR_NO_PREVIOUS, -1, 0.0, 0.0);
         return KC_ERR_STATE;
@@ -389,22 +389,22 @@ kc_status_t kc_tbl_rollback(kc_tables_t *t, kc_events_t *ev)
 
 /* ---- Boot ---- */
 
-kc_status_t kc_tbl_load(kc_tables_t *t, uint16_t kind, const uint8_t *image, uint32_t n, kc_events_t *ev)
+kc_status_t kc_tbl_load(kc_tables_t *tables, uint16_t kind, const uint8_t *image, uint32_t n, kc_events_t *ev)
 {
-    kc_status_t st = kc_tbl_decode(kind, image, n, t->scratch, ev);
-    if (st == KC_OK) { st = check_depends(t, kind, t->scratch, ev); }
-    if (st == KC_OK) { make_active(&t->active, kind, t->scratch, kc_tbl_image_crc(image, n), ev); }
+    kc_status_t st = kc_tbl_decode(kind, image, n, tables->scratch, ev);
+    if (st == KC_OK) { st = check_depends(tables, kind, tables->scratch, ev); }
+    if (st == KC_OK) { make_active(&tables->active, kind, tables->scratch, kc_tbl_image_crc(image, n), ev); }
     return st;
 }
 
-kc_status_t kc_tbl_load_prev(kc_tables_t *t, const uint8_t *image, uint32_t n, kc_events_t *ev)
+kc_status_t kc_tbl_load_prev(kc_tables_t *tables, const uint8_t *image, uint32_t n, kc_events_t *ev)
 {
-    kc_status_t st = kc_tbl_decode(KC_TBL_KIN, image, n, t->scratch, ev);
-    if (st == KC_OK) { st = kc_tbl_kin_fits(t, &t->scratch->kin, ev); }
+    kc_status_t st = kc_tbl_decode(KC_TBL_KIN, image, n, tables->scratch, ev);
+    if (st == KC_OK) { st = kc_tbl_kin_fits(tables, &tables->scratch->kin, ev); }
     if (st != KC_OK) { return st; }
-    t->active.kin_prev = t->scratch->kin;
-    t->active.kin_prev_crc = kc_tbl_image_crc(image, n);
-    seal(&t->active, 0u);
+    tables->active.kin_prev = tables->scratch->kin;
+    tables->active.kin_prev_crc = kc_tbl_image_crc(image, n);
+    seal(&tables->active, 0u);
     return KC_OK;
 }
 
@@ -425,10 +425,10 @@ static bool chunk_fits(const kc_staging_t *s, uint16_t kind, uint32_t total, uin
     return s->state == KC_STAGE_LOADING && s->kind == kind && s->total == total && s->n == offset;
 }
 
-kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t offset, const uint8_t *data,
-                         uint32_t n, kc_events_t *ev)
+kc_status_t kc_tbl_chunk(kc_tables_t *tables, uint16_t kind, uint32_t total, uint32_t offset,
+                         const uint8_t *data, uint32_t n, kc_events_t *ev)
 {
-    kc_staging_t *s = &t->staging;
+    kc_staging_t *s = &tables->staging;
     if (kc_layout_struct_bytes(kind) == 0u) {
         unstage(s);
         return bad_header(ev, HDR_KIND, (double)kind, (double)(KC_TBL_COUNT - 1));
@@ -456,10 +456,10 @@ kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t
 }
 
 /* Whether the command names the staged image, and all of it is there. */
-static kc_status_t check_named(const kc_tables_t *t, uint16_t kind, uint32_t crc, kc_stage_t least,
+static kc_status_t check_named(const kc_tables_t *tables, uint16_t kind, uint32_t crc, kc_stage_t least,
                                kc_events_t *ev)
 {
-    const kc_staging_t *s = &t->staging;
+    const kc_staging_t *s = &tables->staging;
     uint32_t staged_crc = kc_tbl_image_crc(s->image, s->n);
     if (s->state < least || s->kind != kind) {
         kc_event(ev, KC_EVT_TBL_NOT_READY, (int32_t)kind, 0.0, 0.0);
@@ -470,46 +470,46 @@ static kc_status_t check_named(const kc_tables_t *t, uint16_t kind, uint32_t crc
     return KC_ERR_CRC;
 }
 
-static kc_status_t decode_staged(kc_tables_t *t, kc_events_t *ev)
+static kc_status_t decode_staged(kc_tables_t *tables, kc_events_t *ev)
 {
-    kc_staging_t *s = &t->staging;
-    kc_status_t st = kc_tbl_decode(s->kind, s->image, s->n, t->scratch, ev);
-    if (st == KC_OK) { st = check_depends(t, s->kind, t->scratch, ev); }
+    kc_staging_t *s = &tables->staging;
+    kc_status_t st = kc_tbl_decode(s->kind, s->image, s->n, tables->scratch, ev);
+    if (st == KC_OK) { st = check_depends(tables, s->kind, tables->scratch, ev); }
     s->state = st == KC_OK ? KC_STAGE_VALID : KC_STAGE_COMPLETE;
     return st;
 }
 
-uint64_t kc_tbl_cost(const kc_tables_t *t)
+uint64_t kc_tbl_cost(const kc_tables_t *tables)
 {
-    return 50000u + 55u * (uint64_t)t->staging.total + kc_bounds_cost(KC_TERM_MAX);
+    return 50000u + 55u * (uint64_t)tables->staging.total + kc_bounds_cost(KC_TERM_MAX);
 }
 
-kc_status_t kc_tbl_validate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev)
+kc_status_t kc_tbl_validate(kc_tables_t *tables, uint16_t kind, uint32_t crc, kc_events_t *ev)
 {
-    kc_status_t st = check_named(t, kind, crc, KC_STAGE_COMPLETE, ev);
-    return st == KC_OK ? decode_staged(t, ev) : st;
+    kc_status_t st = check_named(tables, kind, crc, KC_STAGE_COMPLETE, ev);
+    return st == KC_OK ? decode_staged(tables, ev) : st;
 }
 
-kc_status_t kc_tbl_ready(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev)
+kc_status_t kc_tbl_ready(kc_tables_t *tables, uint16_t kind, uint32_t crc, kc_events_t *ev)
 {
-    kc_status_t st = check_named(t, kind, crc, KC_STAGE_VALID, ev);
-    return st == KC_OK ? decode_staged(t, ev) : st;
+    kc_status_t st = check_named(tables, kind, crc, KC_STAGE_VALID, ev);
+    return st == KC_OK ? decode_staged(tables, ev) : st;
 }
 
-kc_status_t kc_tbl_activate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev)
+kc_status_t kc_tbl_activate(kc_tables_t *tables, uint16_t kind, uint32_t crc, kc_events_t *ev)
 {
-    kc_status_t st = kc_tbl_ready(t, kind, crc, ev);
+    kc_status_t st = kc_tbl_ready(tables, kind, crc, ev);
     if (st != KC_OK) { return st; }
-    if (kind == KC_TBL_KIN) { keep_prev(&t->active); }
-    make_active(&t->active, kind, t->scratch, crc, ev);
-    unstage(&t->staging);
+    if (kind == KC_TBL_KIN) { keep_prev(&tables->active); }
+    make_active(&tables->active, kind, tables->scratch, crc, ev);
+    unstage(&tables->staging);
     return KC_OK;
 }
 
-void kc_tbl_discard(kc_tables_t *t, kc_events_t *ev)
+void kc_tbl_discard(kc_tables_t *tables, kc_events_t *ev)
 {
-    if (t->staging.state != KC_STAGE_NONE) {
-        kc_event(ev, KC_EVT_TBL_DISCARDED, (int32_t)t->staging.kind, 0.0, 0.0);
+    if (tables->staging.state != KC_STAGE_NONE) {
+        kc_event(ev, KC_EVT_TBL_DISCARDED, (int32_t)tables->staging.kind, 0.0, 0.0);
     }
-    unstage(&t->staging);
+    unstage(&tables->staging);
 }

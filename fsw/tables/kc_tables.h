@@ -102,8 +102,8 @@ uint32_t kc_tbl_image_crc(const uint8_t *image, uint32_t n);
 
 /* Take a chunk; a chunk at offset 0 starts over. KC_ERR_FORMAT / KC_ERR_FULL drop what was staged;
  * the active tables never change here. TBL_STAGED when the last byte is in. */
-kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t offset, const uint8_t *data,
-                         uint32_t n, kc_events_t *ev);
+kc_status_t kc_tbl_chunk(kc_tables_t *tables, uint16_t kind, uint32_t total, uint32_t offset,
+                         const uint8_t *data, uint32_t n, kc_events_t *ev);
 /* Validate the staged image (kind and CRC must be the ones named: KC_ERR_STATE, KC_ERR_CRC), also against
  * the active tables it depends on (KC_ERR_STATE, TBL_DEPENDS or TBL_MISSING):
  *   TERMS needs an ARM; KIN needs ARM and TERMS, the CRCs it was made for (none in a nominal table) and
@@ -111,33 +111,34 @@ kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t
  *   whichever comes second is refused: what TERMS can describe is what SPACE was verified for (kc_bounds.h;
  *   TBL_TERMS_WIDE, TBL_SPACE_NARROW).
  * The image stays staged when it is refused. */
-uint64_t kc_tbl_cost(const kc_tables_t *t); /* bound of the instructions for what is staged */
-kc_status_t kc_tbl_validate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev);
+uint64_t kc_tbl_cost(const kc_tables_t *tables); /* bound of the instructions for what is staged */
+kc_status_t kc_tbl_validate(kc_tables_t *tables, uint16_t kind, uint32_t crc, kc_events_t *ev);
 /* Activate what was validated: all or nothing (it is decoded again, since the scratch is shared and other
  * tables may have changed). Tables that depend on it and no longer fit are dropped, TBL_DROPPED each:
  * KIN falls back to a nominal table of zeros, which has a CRC like any other; the rest to none. A new KIN
  * keeps the old one as kin_prev. Nothing is staged afterwards. */
-kc_status_t kc_tbl_activate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev);
+kc_status_t kc_tbl_activate(kc_tables_t *tables, uint16_t kind, uint32_t crc, kc_events_t *ev);
 /* Whether kc_tbl_activate would: the same checks, the same events; nothing changes. */
-kc_status_t kc_tbl_ready(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev);
-void kc_tbl_discard(kc_tables_t *t, kc_events_t *ev);
+kc_status_t kc_tbl_ready(kc_tables_t *tables, uint16_t kind, uint32_t crc, kc_events_t *ev);
+void kc_tbl_discard(kc_tables_t *tables, kc_events_t *ev);
 
 /* Boot: decode, check and activate an image that was stored; kin_prev stays. In order of kinds. Errors as
  * above, the active tables unchanged. */
-kc_status_t kc_tbl_load(kc_tables_t *t, uint16_t kind, const uint8_t *image, uint32_t n, kc_events_t *ev);
+kc_status_t kc_tbl_load(kc_tables_t *tables, uint16_t kind, const uint8_t *image, uint32_t n,
+                        kc_events_t *ev);
 /* Boot: the KIN image to roll back to, checked as an active one would be. */
-kc_status_t kc_tbl_load_prev(kc_tables_t *t, const uint8_t *image, uint32_t n, kc_events_t *ev);
+kc_status_t kc_tbl_load_prev(kc_tables_t *tables, const uint8_t *image, uint32_t n, kc_events_t *ev);
 
 /* Would this correction fit the active ARM and TERMS? KC_OK or the error with its event. */
-kc_status_t kc_tbl_kin_fits(const kc_tables_t *t, const kc_kin_t *kin, kc_events_t *ev);
+kc_status_t kc_tbl_kin_fits(const kc_tables_t *tables, const kc_kin_t *kin, kc_events_t *ev);
 /* Put a correction in force and keep the one before; KC_ERR_* as kc_tbl_kin_fits, nothing changed.
  * Its CRC is then active.crc[KC_TBL_KIN]. `kin` may not point into t. */
-kc_status_t kc_tbl_set_kin(kc_tables_t *t, const kc_kin_t *kin, kc_events_t *ev);
+kc_status_t kc_tbl_set_kin(kc_tables_t *tables, const kc_kin_t *kin, kc_events_t *ev);
 /* Back to kin_prev; there is none afterwards. KC_ERR_STATE and COR_NO_PREVIOUS if there is none. */
-kc_status_t kc_tbl_rollback(kc_tables_t *t, kc_events_t *ev);
+kc_status_t kc_tbl_rollback(kc_tables_t *tables, kc_events_t *ev);
 
 /* The active struct of a kind, NULL for an unknown kind; meaningful only while crc[kind] != 0. */
-const void *kc_tbl_active_ptr(const kc_active_t *a, uint16_t kind);
+const void *kc_tbl_active_ptr(const kc_active_t *active, uint16_t kind);
 /* Bytes of the struct of a kind, 0: of kin_prev; 0 for an unknown kind. */
 uint32_t kc_tbl_active_bytes(uint16_t kind);
 

@@ -11,7 +11,7 @@ from commands import kincal
 
 from kincal import tables
 from kincal import workbench as wb
-from kincal.workbench.model.capacity import order_of_leaving, size
+from kincal.workbench.model.capacity import order_of_removal, size
 from kincal.workbench.model.effects import Hypothesis, Parameter, Term
 from kincal.workbench.model.modelfile import ModelFile
 from kincal_shared.schema.model import FitEntry
@@ -46,7 +46,7 @@ def test_rise_of_chi2_is_that_of_linear_fits_without_the_effects():
                    base=frame, tool=frame, covariance=lower)  # fmt: skip
     std_err = np.sqrt(np.diag(cov))
     model = ModelFile(values=dict(zip(names, zip(value, std_err, strict=True), strict=True)), fit=fit)
-    order = order_of_leaving(effects, model)
+    order = order_of_removal(effects, model)
     gone = []
     for leaves in order:
         rises = {
@@ -59,7 +59,7 @@ def test_rise_of_chi2_is_that_of_linear_fits_without_the_effects():
 
 
 def test_without_a_fit_of_these_effects_there_is_no_order():
-    assert order_of_leaving([effect("a", 1)], ModelFile()) == []
+    assert order_of_removal([effect("a", 1)], ModelFile()) == []
 
 
 @pytest.fixture(scope="module")

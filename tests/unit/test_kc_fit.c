@@ -9,7 +9,7 @@
 static kc_config_t s_config;
 static kc_terms_t s_terms;
 static kc_est_t s_est;
-static kc_miss_t s_miss[KC_MEAS_MAX];
+static kc_residual_t s_residual[KC_MEAS_MAX];
 static uint32_t s_worst;
 
 void setUp(void)
@@ -23,7 +23,7 @@ void setUp(void)
     s_config.a1 = 0.5;
     s_config.vopt_len_m = 0.5;
     memset(&s_est, 0, sizeof s_est);
-    memset(s_miss, 0, sizeof s_miss);
+    memset(s_residual, 0, sizeof s_residual);
     s_est.terms = &s_terms;
     s_est.opt.free_mask = UINT64_MAX;
     s_est.rank = s_est.n_free = 28u;
@@ -90,9 +90,9 @@ void test_an_unsolved_first_fit_loses_to_any_solution_with_as_many_outliers(void
 
 void test_an_estimate_is_trusted_when_it_predicts_twice_as_well(void)
 {
-    kc_miss_t used = {0.1, 0.2}; /* 0.5 x 0.1 / 0.5 + 0.5 x 0.2 = 0.2 */
-    TEST_ASSERT_TRUE(kc_fit_predicts_better(&s_config, (kc_miss_t){0.05, 0.09}, used));
-    TEST_ASSERT_FALSE(kc_fit_predicts_better(&s_config, (kc_miss_t){0.05, 0.11}, used));
+    kc_residual_t used = {0.1, 0.2}; /* 0.5 x 0.1 / 0.5 + 0.5 x 0.2 = 0.2 */
+    TEST_ASSERT_TRUE(kc_fit_predicts_better(&s_config, (kc_residual_t){0.05, 0.09}, used));
+    TEST_ASSERT_FALSE(kc_fit_predicts_better(&s_config, (kc_residual_t){0.05, 0.11}, used));
 }
 
 void test_an_estimate_is_determined_by_twice_as_many_rows_as_coefficients(void)
@@ -110,18 +110,18 @@ void test_an_estimate_is_determined_by_twice_as_many_rows_as_coefficients(void)
 
 void test_both_requirements_have_to_be_met(void)
 {
-    TEST_ASSERT_TRUE(kc_fit_meets(&s_config, (kc_miss_t){0.001, 0.01}));
-    TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_miss_t){0.0011, 0.01}));
-    TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_miss_t){0.001, 0.011}));
+    TEST_ASSERT_TRUE(kc_fit_meets(&s_config, (kc_residual_t){0.001, 0.01}));
+    TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_residual_t){0.0011, 0.01}));
+    TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_residual_t){0.001, 0.011}));
 }
 
 void test_a_requirement_of_zero_is_none(void)
 {
     s_config.stop_rot_rad = 0.0;
-    TEST_ASSERT_TRUE(kc_fit_meets(&s_config, (kc_miss_t){0.001, 9.0}));
+    TEST_ASSERT_TRUE(kc_fit_meets(&s_config, (kc_residual_t){0.001, 9.0}));
     TEST_ASSERT_TRUE(kc_fit_required(&s_config));
     s_config.stop_pos_m = 0.0;
-    TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_miss_t){0.0, 0.0}));
+    TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_residual_t){0.0, 0.0}));
     TEST_ASSERT_FALSE(kc_fit_required(&s_config));
 }
 
@@ -132,35 +132,35 @@ static bool mismatch(uint32_t n_meas, uint32_t n_local)
     plan.n_meas = plan.n_obs = n_meas;
     plan.n_local = n_local;
     for (uint32_t i = 0u; i < n_meas; i++) { plan.pose_of[i] = (uint8_t)(i + 1u); }
-    return kc_fit_mismatch(&s_config, &s_est, s_miss, &plan, &s_worst);
+    return kc_fit_mismatch(&s_config, &s_est, s_residual, &plan, &s_worst);
 }
 
 void test_two_observations_of_one_pose_are_one_that_does_not_fit(void)
 {
     /* a local initial pose; a pose with two observations on the way; the next one with one */
     kc_plan_t plan = {.n_meas = 3u, .n_obs = 6u, .n_local = 1u, .pose_of = {1u, 2u, 2u, 2u, 3u, 3u}};
-    s_miss[1].pos_m = s_miss[2].pos_m = s_miss[3].pos_m = 0.021;
-    TEST_ASSERT_FALSE(kc_fit_mismatch(&s_config, &s_est, s_miss, &plan, &s_worst));
-    s_miss[4].pos_m = 0.021;
-    TEST_ASSERT_TRUE(kc_fit_mismatch(&s_config, &s_est, s_miss, &plan, &s_worst));
+    s_residual[1].pos_m = s_residual[2].pos_m = s_residual[3].pos_m = 0.021;
+    TEST_ASSERT_FALSE(kc_fit_mismatch(&s_config, &s_est, s_residual, &plan, &s_worst));
+    s_residual[4].pos_m = 0.021;
+    TEST_ASSERT_TRUE(kc_fit_mismatch(&s_config, &s_est, s_residual, &plan, &s_worst));
     TEST_ASSERT_EQUAL_UINT32(4u, s_worst);
 }
 
 void test_one_observation_beyond_the_limits_is_enough_at_local_poses_two_later(void)
 {
     TEST_ASSERT_FALSE(mismatch(5u, 5u));
-    s_miss[2].pos_m = 0.021;
+    s_residual[2].pos_m = 0.021;
     TEST_ASSERT_TRUE(mismatch(5u, 5u));
     TEST_ASSERT_EQUAL_UINT32(2u, s_worst);
     TEST_ASSERT_FALSE(mismatch(6u, 5u));
-    s_miss[4].rot_rad = 0.061;
+    s_residual[4].rot_rad = 0.061;
     TEST_ASSERT_TRUE(mismatch(6u, 5u));
     TEST_ASSERT_EQUAL_UINT32(4u, s_worst); /* the newest */
 }
 
 void test_a_held_coefficient_excuses_everything_unless_none_may_be_held(void)
 {
-    s_miss[0].pos_m = 1.0;
+    s_residual[0].pos_m = 1.0;
     s_est.rank = 27u;
     TEST_ASSERT_FALSE(mismatch(1u, 1u));
     s_est.hold_none = 1u;
@@ -169,7 +169,7 @@ void test_a_held_coefficient_excuses_everything_unless_none_may_be_held(void)
 
 void test_a_limit_of_zero_is_not_checked(void)
 {
-    s_miss[0] = (kc_miss_t){1.0, 1.0};
+    s_residual[0] = (kc_residual_t){1.0, 1.0};
     s_config.mismatch_pos_m = 0.0;
     TEST_ASSERT_TRUE(mismatch(1u, 1u));
     s_config.mismatch_rot_rad = 0.0;
@@ -218,13 +218,13 @@ void test_one_limit_is_enough_for_local_poses_to_be_checked(void)
 
 void test_an_observation_that_is_left_out_is_no_mismatch_and_no_outlier(void)
 {
-    s_miss[2].pos_m = 0.021;
+    s_residual[2].pos_m = 0.021;
     s_est.without = 3u;
     TEST_ASSERT_FALSE(mismatch(5u, 5u));
-    s_miss[4].pos_m = 0.021;
+    s_residual[4].pos_m = 0.021;
     TEST_ASSERT_TRUE(mismatch(5u, 5u));
     TEST_ASSERT_FALSE(mismatch(6u, 5u)); /* one of two */
-    s_miss[4].pos_m = 0.0;
+    s_residual[4].pos_m = 0.0;
     s_est.hold_none = 1u;
     s_est.n_outliers = 3u; /* the third is the one left out */
     TEST_ASSERT_FALSE(mismatch(5u, 5u));
@@ -249,11 +249,11 @@ void test_a_pose_is_checked_against_the_requirement_and_its_noise(void)
     double cov[36] = {0.0};
     for (uint32_t k = 0u; k < 6u; k++) { cov[7u * k] = k < 3u ? 1e-6 : 16e-6; }
     double pos_m = sqrt(1e-6 + 16.26623619623813 * 1e-6), rot_rad = sqrt(1e-4 + 16.26623619623813 * 16e-6);
-    TEST_ASSERT_TRUE(kc_fit_checked(&s_config, (kc_miss_t){0.999 * pos_m, 0.999 * rot_rad}, cov));
-    TEST_ASSERT_FALSE(kc_fit_checked(&s_config, (kc_miss_t){1.001 * pos_m, 0.0}, cov));
-    TEST_ASSERT_FALSE(kc_fit_checked(&s_config, (kc_miss_t){0.0, 1.001 * rot_rad}, cov));
+    TEST_ASSERT_TRUE(kc_fit_checked(&s_config, (kc_residual_t){0.999 * pos_m, 0.999 * rot_rad}, cov));
+    TEST_ASSERT_FALSE(kc_fit_checked(&s_config, (kc_residual_t){1.001 * pos_m, 0.0}, cov));
+    TEST_ASSERT_FALSE(kc_fit_checked(&s_config, (kc_residual_t){0.0, 1.001 * rot_rad}, cov));
     s_config.stop_pos_m = 0.0;
-    TEST_ASSERT_TRUE(kc_fit_checked(&s_config, (kc_miss_t){9.0, 0.0}, cov));
+    TEST_ASSERT_TRUE(kc_fit_checked(&s_config, (kc_residual_t){9.0, 0.0}, cov));
     s_config.stop_rot_rad = 0.0;
-    TEST_ASSERT_TRUE(kc_fit_checked(&s_config, (kc_miss_t){9.0, 9.0}, cov));
+    TEST_ASSERT_TRUE(kc_fit_checked(&s_config, (kc_residual_t){9.0, 9.0}, cov));
 }

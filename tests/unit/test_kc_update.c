@@ -1158,7 +1158,7 @@ void test_progress_says_how_the_estimator_ended(void)
 /* Over every candidate of a small space, each once. */
 void test_the_prediction_is_the_mean_over_the_candidates(void)
 {
-    kc_miss_t sum2 = {0.0, 0.0};
+    kc_residual_t sum2 = {0.0, 0.0};
     world_started();
     for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
     const kc_est_t *e = &APP->est;

@@ -21,6 +21,7 @@ from kincal.link import unsigned32
 from kincal.review import journal as journals
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import Signer, file_of, signer_of
+from kincal_shared.schema.names import ACQUISITIONS
 
 F = TypeVar("F", bound=Callable[..., Any])
 LISTEN_S = 3.0  # for housekeeping, before a command is sent
@@ -93,7 +94,7 @@ def command_noop(**given: Unpack[Given]) -> None:
     default="table",
     show_default="as CONFIG says",
     metavar="NAME",
-    help="How poses are chosen: table, ucb, random, dopt, vopt or rate.",
+    help=f"How poses are chosen: {', '.join(('table', *ACQUISITIONS[:-1]))} or {ACQUISITIONS[-1]}.",
 )
 @click.option(
     "--poses", type=click.IntRange(0), default=0, show_default="as CONFIG says", help="Poses to measure."

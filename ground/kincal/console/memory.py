@@ -1,4 +1,4 @@
-"""What a console that is started anew has to know of before: corrections, poses, events and acknowledgements.
+"""What a restarted console has to know: corrections, poses, events and acknowledgements.
 
 They are appended to a file as they come, one file for each network. It is an LCM log, bounded: when it is
 full it becomes the former one, and two are read at the start. A medium that is full ends the keeping, never

@@ -43,7 +43,7 @@ class Shelf:
     desk: Desk | None
 
     def place(self, kind: str, of: str) -> Path:
-        """File of a table. BadInput for a kind or place that there is not."""
+        """File of a table. BadInput for an unknown kind or place."""
         where = {FOLDER: self.folder, MADE: self.made, READ: self.read}.get(of)
         if kind.upper() not in kinds().values() or where is None:
             raise BadInput(f"no such table: {kind[:40]} {of[:40]}")
@@ -73,7 +73,7 @@ class Shelf:
             folder = self.flown()
             found = Geometry(folder)
         except (KincalError, OSError):
-            return  # a full disk, or tables that do not belong together: those of before stay, and it is said
+            return  # a full disk, or tables that do not belong together: the earlier ones stay
         if found.crcs != desk.picture.geometry.crcs or desk.tables_dir != folder:
             desk.picture.geometry, desk.tables_dir = found, folder
 

@@ -35,7 +35,7 @@ TOOL_SIGMA = (1 * MM,) * 3 + (4 * MRAD,) * 3
 
 
 class UnknownKind(ValueError):
-    """A case asks for something that there is not."""
+    """A case asks for something that does not exist."""
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ def _pose_fields(K: np.ndarray, pose: pnp.Pose, cov: np.ndarray) -> dict[str, An
 class DetectionModel:
     """Makes the fields of detection_t, all but t_us and seq; the setting detection.noise chooses how.
 
-    Raises ValueError on a noise that there is not.
+    Raises ValueError for an unknown noise.
     """
 
     def __init__(self, cfg: Config, model: mujoco.MjModel):

@@ -50,7 +50,7 @@ def find_unnamed(
 
     names: of any effects; "unnamed[joint 1: q1, q3]" is the smooth function there, "unnamed" as many of them
     as pay (`add_unnamed`), each beside the effects before it and `beside`, without those that a fit would
-    advise against. Errors as `fit`; BadInput for a place or a driver that there is not; CannotAnswer where
+    advise against. Errors as `fit`; BadInput for an unknown place or driver; CannotAnswer where
     the data do not vary the driver, or ask for no term of that function.
     """
     known, found = library or Library.load(), Found(())

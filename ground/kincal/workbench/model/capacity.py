@@ -18,9 +18,9 @@ from .modelfile import ModelFile, covariance_of
 
 
 @dataclass(frozen=True)
-class Leaves:
-    """An effect in the order of leaving: its coefficients and terms, and the rise of chi^2 when it goes after
-    those before it."""
+class Removal:
+    """An effect in the order of removal: its coefficients and terms, and the rise of chi^2 when it is
+    removed after those before it."""
 
     name: str
     coefficients: int
@@ -40,7 +40,7 @@ def size(hypotheses: Sequence[Hypothesis]) -> tuple[int, int]:
     )
 
 
-def order_of_leaving(hypotheses: Sequence[Hypothesis], model: ModelFile) -> list[Leaves]:
+def order_of_removal(hypotheses: Sequence[Hypothesis], model: ModelFile) -> list[Removal]:
     """All effects, those first that the poses of the last fit show least for each coefficient. Empty if the
     model holds no fit of these effects."""
     cov = covariance_of(model)
@@ -52,11 +52,11 @@ def order_of_leaving(hypotheses: Sequence[Hypothesis], model: ModelFile) -> list
     std_err = np.sqrt(np.maximum(np.diag(cov), np.finfo(float).tiny))
     mean = np.array([value for value, _ in model.values.values()]) / std_err
     cov = cov / np.outer(std_err, std_err)
-    out: list[Leaves] = []
+    out: list[Removal] = []
     left = {h.name: h for h in hypotheses}
     while left:
-        found = [Leaves(n, *size([h]), _rise(mean, cov, np.array(own[n]))) for n, h in left.items()]
-        least = min(found, key=lambda leaves: leaves.each)
+        found = [Removal(n, *size([h]), _rise(mean, cov, np.array(own[n]))) for n, h in left.items()]
+        least = min(found, key=lambda removal: removal.each)
         mean, cov = _without(mean, cov, np.array(own[least.name]))
         del left[least.name]
         out.append(least)

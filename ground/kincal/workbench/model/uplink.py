@@ -169,10 +169,10 @@ def _to_drop(
     hypotheses: Sequence[Hypothesis],
     flown: Flown,
     model: ModelFile | None,
-    order: Sequence[capacity.Leaves],
+    order: Sequence[capacity.Removal],
 ) -> list[str]:
     """Effects to leave out so that flight carries the others and the search space has room for them; order:
-    of leaving, for what is too many. What is left out for its size alone comes back where others have made
+    of removal, for what is too many. What is left out for its size alone comes back where others have made
     room."""
 
     def without(names: Sequence[str]) -> list[Hypothesis]:
@@ -182,9 +182,9 @@ def _to_drop(
         return max(_too_many(arm, without(names), model)[:2]) > 0
 
     go: list[str] = []
-    for leaves in order:
+    for removal in order:
         if too_many(go):
-            go.append(leaves.name)
+            go.append(removal.name)
     for_size = tuple(go)
     while cramped := _bounded(arm, without(go), flown, model)[1]:
         go.append(cramped[0].effect)
@@ -212,7 +212,7 @@ def _no_room(table: KcTerms, flown: Flown, cramped: _Cramped, drop: Sequence[str
 
 def _leave_out(arm: ArmTable, hypotheses: Sequence[Hypothesis], flown: Flown, model: ModelFile | None) -> str:
     """Which effects to leave out, so that flight takes the others, and what that costs the fit."""
-    order = capacity.order_of_leaving(hypotheses, model) if model else []
+    order = capacity.order_of_removal(hypotheses, model) if model else []
     if not order:
         taken: dict[str, int] = {}
         for h in hypotheses:
@@ -223,7 +223,7 @@ def _leave_out(arm: ArmTable, hypotheses: Sequence[Hypothesis], flown: Flown, mo
     go = _to_drop(arm, hypotheses, flown, model, order)
     lines = [
         "leave out what the poses of the last fit show least, and what the search space has no room for. In",
-        "  order of leaving, with the rise of chi^2 (about 1 for each coefficient that means nothing):",
+        "  order of removal, with the rise of chi^2 (about 1 for each coefficient that means nothing):",
         f"    {'effect':<32} coefficients  terms  chi^2 lost  for each coefficient",
         *(
             f"    {x.name:<32} {x.coefficients:>12} {x.terms:>6} {x.chi2:>11.1f} {x.each:>21.1f}"

@@ -1,4 +1,4 @@
-"""Work done in a second process beside this one, by functions that say when work is to begin."""
+"""Work in a second process, begun when a function asks for it."""
 
 from __future__ import annotations
 
