@@ -110,7 +110,7 @@ integration: build .venv/.stamp-dev ## processes over LCM
 	$(PYTEST) tests/integration --junitxml=$(JUNIT)/integration.xml
 
 # Those that wait for a flight, a browser or a worker are a step of their own: they leave the processor to the others.
-LIVE := $(foreach t,campaign command console% killed operate% recording two_holders,\
+LIVE := $(foreach t,campaign command console% corrected killed operat% recording two_holders,\
     $(filter tests/ground/test_$t.py,$(wildcard tests/ground/*.py)))
 ground-test: build .venv/.stamp-dev ## the ground tool, but for live-test
 	$(PYTEST) tests/ground $(LIVE:%=--ignore=%) --junitxml=$(JUNIT)/ground.xml
