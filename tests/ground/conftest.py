@@ -82,3 +82,19 @@ def made(tmp_path_factory):
     from waiting_flight import proposed  # loads the simulator, which few files need
 
     return proposed(tmp_path_factory.mktemp("proposed"))
+
+
+@pytest.fixture(scope="session")
+def geometry():
+    """What the console draws, from the tables as shipped."""
+    from kincal.console.geometry import Geometry  # its packages are an extra
+
+    return Geometry(ROOT / "tables" / "bin")
+
+
+@pytest.fixture
+def picture(geometry):
+    """A console's last values; nothing was heard yet."""
+    from kincal.console.picture import Picture
+
+    return Picture(geometry)

@@ -21,7 +21,6 @@ import kcm
 from kincal.console.app import Console, make_app
 from kincal.console.desk import Desk, Words
 from kincal.console.dictionary import dictionary
-from kincal.console.geometry import Geometry
 from kincal.console.guard import Access
 from kincal.console.memory import Memory
 from kincal.console.picture import KEPT, Cursor, Picture
@@ -41,16 +40,6 @@ GOOD = {"host": HOST, "origin": ORIGIN, "cookie": "kincal_8674=the-token"}
 JSON = {**GOOD, "content-type": "application/json"}
 DECIDED = (journal.SEEN, journal.ARMED, journal.APPROVED)
 EVIL = '<img src=x onerror="alert(1)">'
-
-
-@pytest.fixture(scope="module")
-def geometry():
-    return Geometry(BIN)
-
-
-@pytest.fixture
-def picture(geometry):
-    return Picture(geometry)
 
 
 @pytest.fixture

@@ -24,7 +24,6 @@ from test_console import feed as feed_of
 import kcm
 from kincal.console.app import Console, make_app
 from kincal.console.desk import Desk
-from kincal.console.geometry import Geometry
 from kincal.console.memory import Memory
 from kincal.console.picture import Clock, Cursor, Picture
 from kincal.console.sources import Recording
@@ -32,16 +31,6 @@ from kincal.operate.recording import Recorder
 from kincal_shared import keys
 from kincal_shared.errors import NoAnswer
 from kincal_sim.ports import private_port, private_url
-
-
-@pytest.fixture(scope="module")
-def geometry():
-    return Geometry(BIN)
-
-
-@pytest.fixture
-def picture(geometry):
-    return Picture(geometry)
 
 
 @pytest.fixture

@@ -2,13 +2,14 @@
 
 import math
 import subprocess
-import sys
 
 import pytest
+from click.testing import CliRunner
 from flight import BINARY, TABLES
 
 from kincal import review
 from kincal.api import reviews
+from kincal.cli import main
 from kincal.link import Link, crc_text
 from kincal.review.status import proposals_in
 from kincal.run.inprocess import Script, Setup, command, simulate
@@ -20,11 +21,9 @@ WHO = ("--why", "reason")
 
 
 def kincal(*args):
-    """Exit status, and output as one line."""
-    run = subprocess.run(
-        [sys.executable, "-m", "kincal", *map(str, args)], capture_output=True, text=True, timeout=120
-    )
-    return run.returncode, " ".join((run.stdout + run.stderr).split())
+    """Exit status, and output as one line; in this process: that of flight is the other one."""
+    run = CliRunner().invoke(main, [str(a) for a in args])
+    return run.exit_code, " ".join(run.output.split())
 
 
 @pytest.fixture(scope="module")
