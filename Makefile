@@ -295,15 +295,19 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench bench-samples blind study alarm montecarlo sigma camera-chain campaign-faults assurance occlusion real halves
+.PHONY: demo hil bench scaling bench-samples blind study alarm montecarlo sigma camera-chain campaign-faults assurance occlusion real halves
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
 hil: setup build ## the scenarios as separate processes at real-time pace (URL=... for another LCM network)
 	.venv/bin/python -m kincal_sim.hil $(if $(URL),--url $(URL))
 
-bench: setup core messages .venv/.stamp-bench ## how fast against other software? The box QP (PROBLEMS; WRITE=1 for docs/BENCHMARKS.md)
-	.venv/bin/python tests/bench/qp.py $(if $(PROBLEMS),--problems $(PROBLEMS)) $(if $(WRITE),--write)
+bench: setup build .venv/.stamp-bench ## how fast against other software? (ONLY="kernel qp", PROBLEMS; WRITE=1 for docs/BENCHMARKS.md)
+	.venv/bin/python tests/bench/bench.py $(if $(ONLY),--only $(ONLY)) $(if $(PROBLEMS),--problems $(PROBLEMS)) \
+	    $(if $(WRITE),--write)
+
+scaling: setup core messages ## what would a million cases of a campaign take on a cluster? (SIZES, POSES; WRITE=1 for docs/SCALING.md)
+	.venv/bin/python tests/bench/scaling.py $(if $(SIZES),--sizes $(SIZES)) $(if $(POSES),--poses $(POSES)) $(if $(WRITE),--write)
 
 bench-samples: setup build ## held-out error against number of poses, for all acquisitions
 	.venv/bin/python tests/bench/samples.py

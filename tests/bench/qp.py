@@ -1,6 +1,6 @@
 """The flight box QP against other solvers: time of a solution and KKT residual, in one run.
 
-    python tests/bench/qp.py [--problems 40] [--seed 1] [--write]
+    python tests/bench/qp.py [--problems 40] [--seed 1]
 
 Flight's library is the one that flies, with its compiler flags; the others are as PyPI has them. Of each
 problem all solvers take turns, and the least of several times counts, so that what else the machine does
@@ -18,34 +18,36 @@ Problems, with 28 and with 64 variables:
     recorded        the QPs of the estimator in a calibration of the paper's errors that is flown here: 28 DH
                     errors as flight has them, or 64 coefficients with priors for the same observations
 
---write puts the table into docs/BENCHMARKS.md. Exit status 1 if flight's median is above DAQP's for a kind,
-or a residual of flight above 1e-9."""
+qpOASES is the one that casadi ships; L-BFGS-B is scipy's, for boxes. bench.py writes the table. Exit status
+1 if flight's median is above DAQP's for a kind, or a residual of flight above 1e-9."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import importlib.util
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import daqp
 import numpy as np
 from builders import basis, fill, flight, lib, term, view
+from versus.measure import Growth
 
 from kincal.flight import check
 from kincal.run.inprocess import simulate
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs/BENCHMARKS.md"
-BEGIN, END = "<!-- box QP: make bench -->", "<!-- end of box QP -->"
 TOL = 1e-9
+SLOW, SLOW_TURNS = ("ProxQP", "OSQP", "L-BFGS-B"), 2  # seconds a problem of some kinds
 TURNS, REPEATS = 6, 4  # of each problem: every solver so often in turn, so many solutions in a turn
 SIZES = (28, 64)
+GROWN_SIZES = (8, 16, 32, 64)
+GROWN = ("KinCal", "DAQP", "quadprog", "ProxQP")
 RECORDED_SEED = 11
 DISTINCT_POSES = 2  # of so many observations more, the QPs of one solution are recorded
 
@@ -251,6 +253,80 @@ def by_proxqp(p: Problem) -> Callable[[], tuple[float, np.ndarray]]:
     return solve
 
 
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Nothing goes to standard output, from C either."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def by_osqp(p: Problem) -> Callable[[], tuple[float, np.ndarray]]:
+    osqp, sparse = importlib.import_module("osqp"), importlib.import_module("scipy.sparse")
+    n = len(p.g)
+    H, A = sparse.csc_matrix(np.triu(p.H)), sparse.csc_matrix(np.eye(n))
+    asked = {"eps_abs": TOL, "eps_rel": 0.0, "max_iter": 20_000, "polishing": True, "verbose": False}
+
+    def solve() -> tuple[float, np.ndarray]:
+        with _silent():  # it says when it does not polish
+            solver = osqp.OSQP()
+            solver.setup(H, p.g, A, p.lb, p.ub, **asked)
+            found = solver.solve(raise_error=False)
+        return found.info.run_time, np.asarray(found.x)
+
+    return solve
+
+
+def by_qpoases(p: Problem) -> Callable[[], tuple[float, np.ndarray]]:
+    casadi = importlib.import_module("casadi")
+
+    def made(n: int) -> Any:
+        shape = {"h": casadi.Sparsity.dense(n, n), "a": casadi.Sparsity(0, n)}
+        return casadi.conic("qp", "qpoases", shape, {"printLevel": "none", "sparse": False})
+
+    def given(q: Problem) -> dict[str, Any]:
+        return {"h": casadi.DM(q.H), "g": q.g, "lbx": q.lb, "ubx": q.ub, "x0": np.zeros(len(q.g))}
+
+    one = Problem(np.eye(1), np.zeros(1), -np.ones(1), np.ones(1))
+    with _silent():  # it says who made it
+        solver, arguments = made(len(p.g)), given(p)
+        small, nothing = made(1), given(one)
+        idle = min(_timed(lambda: small(**nothing))[0] for _ in range(50))
+        solver(**arguments)
+
+    def solve() -> tuple[float, np.ndarray]:
+        took, found = _timed(lambda: solver(**arguments))
+        return took - idle, np.asarray(found["x"]).ravel()
+
+    return solve
+
+
+def by_scipy(p: Problem) -> Callable[[], tuple[float, np.ndarray]]:
+    optimize = importlib.import_module("scipy.optimize")
+    bounds = optimize.Bounds(p.lb, p.ub)
+
+    def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
+        Hx = p.H @ x
+        return 0.5 * float(x @ Hx) + float(p.g @ x), Hx + p.g
+
+    asked = {"gtol": TOL, "ftol": 1e-16, "maxiter": 10_000, "maxfun": 20_000}
+
+    def solve() -> tuple[float, np.ndarray]:
+        start = np.zeros(len(p.g))
+        took, found = _timed(
+            lambda: optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=asked)
+        )
+        return took, found.x
+
+    return solve
+
+
 def _timed(call: Callable[[], Any]) -> tuple[float, Any]:
     begun = time.perf_counter_ns()
     out = call()
@@ -263,8 +339,11 @@ SOLVERS: dict[str, Solver] = {
     "quadprog": by_quadprog,
     "PIQP": by_piqp,
     "ProxQP": by_proxqp,
+    "qpOASES": by_qpoases,
+    "OSQP": by_osqp,
+    "L-BFGS-B": by_scipy,
 }
-MODULES = {"quadprog": "quadprog", "PIQP": "piqp", "ProxQP": "proxsuite"}
+MODULES = {"quadprog": "quadprog", "PIQP": "piqp", "ProxQP": "proxsuite", "qpOASES": "casadi", "OSQP": "osqp"}
 
 
 def there() -> dict[str, Solver]:
@@ -294,10 +373,11 @@ def measure(kind: str, n: int, problems: list[Problem], solvers: dict[str, Solve
     for p in problems:
         ready = {name: make(p) for name, make in solvers.items()}
         least = dict.fromkeys(solvers, np.inf)
-        for _ in range(TURNS):
+        for turn in range(TURNS):
             for name, solve in ready.items():
-                slow = name not in ("KinCal", "DAQP")
-                for _ in range(1 if slow else REPEATS):
+                if name in SLOW and turn >= SLOW_TURNS:
+                    continue
+                for _ in range(REPEATS if name in ("KinCal", "DAQP") else 1):
                     seconds, x = solve()
                     least[name] = min(least[name], seconds)
                 residual[name] = max(residual[name], p.residual(x))
@@ -319,32 +399,41 @@ def rows(number: int, seed: int) -> Iterator[Row]:
 
 
 def table(found: list[Row]) -> list[str]:
+    """Markdown: ratios of all solvers, and in brackets residuals that miss what was asked for."""
     names = [name for name in found[0].ratio if name != "KinCal"]
-    lines = [
-        "| problems | n | "
-        + " | ".join(names)
-        + " | KinCal to DAQP, 9 of 10 below | residual of KinCal | of DAQP |",
-        "|---|---:|" + "---:|" * (len(names) + 3),
-    ]
+    head = ["problems", "n", *names, "KinCal to DAQP, 9 of 10 below", "residual of KinCal"]
+    lines = [f"| {' | '.join(head)} |", f"|---|{'---:|' * (len(head) - 1)}"]
     for r in found:
-        ratios = " | ".join(f"{r.ratio[name]:.{1 if r.ratio[name] < 10 else 0}f}" for name in names)
-        residuals = f"{r.residual['KinCal']:.0e} | {r.residual['DAQP']:.0e}"
-        lines.append(f"| {r.kind} | {r.n} | {ratios} | {r.worst_to_daqp:.2f} | {residuals} |")
+        ratios = [_cell(r, name) for name in names]
+        cells = [r.kind, str(r.n), *ratios, f"{r.worst_to_daqp:.2f}", f"{r.residual['KinCal']:.0e}"]
+        lines.append(f"| {' | '.join(cells)} |")
     return lines
 
 
-def write(lines: list[str]) -> None:
-    text = PAGE.read_text()
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    PAGE.write_text("\n".join([before + BEGIN, "", *lines, "", END]) + after)
+def _cell(r: Row, name: str) -> str:
+    text = f"{r.ratio[name]:.{1 if r.ratio[name] < 10 else 0}f}"
+    return text if r.residual[name] <= TOL else f"{text} ({r.residual[name]:.0e})"
+
+
+def by_size(number: int, seed: int) -> Growth:
+    """Random problems: those that take the same steps whatever the binding."""
+    chosen = {name: SOLVERS[name] for name in GROWN if name in there()}
+    medians = []
+    for n in GROWN_SIZES:
+        rng = np.random.default_rng(seed)
+        least: dict[str, list[float]] = {name: [] for name in chosen}
+        for p in [made("random", n, rng) for _ in range(number)]:
+            for name, make in chosen.items():
+                solve = make(p)
+                least[name].append(min(solve()[0] for _ in range(TURNS)))
+        medians.append({name: float(np.median(times)) for name, times in least.items()})
+    return Growth("box QP", "variables", GROWN_SIZES, {k: tuple(m[k] for m in medians) for k in chosen})
 
 
 def main(argv: list[str] | None = None) -> int:
     p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     p.add_argument("--problems", type=int, default=40)
     p.add_argument("--seed", type=int, default=1)
-    p.add_argument("--write", action="store_true")
     o = p.parse_args(argv)
     found = []
     for row in rows(o.problems, o.seed):
@@ -357,8 +446,6 @@ def main(argv: list[str] | None = None) -> int:
             f"times as long, residual: {others}; KinCal to DAQP, 9 of 10 below {row.worst_to_daqp:.2f}",
             flush=True,
         )
-    if o.write:
-        write(table(found))
     bad = [f"{r.kind} {r.n}" for r in found if r.ratio["DAQP"] < 1.0 or r.residual["KinCal"] > TOL]
     if bad:
         print("slower than DAQP, or not solved: " + ", ".join(bad))

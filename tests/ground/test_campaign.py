@@ -88,6 +88,11 @@ def whole(tmp_path_factory):
         ("uniform = [-0.02, 0.02]", "", ("no distribution", "exactly one")),
         ("uniform = [-0.02, 0.02]", "uniform = [0.0, 1.0]\nnormal = [0.0, 1.0]", ("uniform and normal",)),
         ("uniform = [-0.02, 0.02]", "uniform = [0.0, 1.0]\nlimits = [0.0, 1.0]", ("limits go with normal",)),
+        ("uniform = [-0.02, 0.02]", "uniform = [0.0, 1.0]\nchoice = [0.0, 1.0]", ("uniform and choice",)),
+        ("uniform = [-0.02, 0.02]", "normal = [0.0, 1.0]\nlimits = [0.2, -0.2]", ("limits", "empty")),
+        ("uniform = [-0.02, 0.02]", "normal = [0.0, -1.0]", ("dispersion[1].normal",)),
+        ("uniform = [-0.02, 0.02]", "choice = []", ("dispersion[1].choice",)),
+        ('scenario = "healthy"', 'scenario = "none/here.toml"', ("scenario", "none/here.toml")),
         ("J2.phi_rad", "J9.phi_rad", ("J9.phi_rad", "dispersion[1]", "known: J1..J7")),
         ("arm.errors.J2.phi_rad", "arm.errrors.J2.phi_rad", ("errrors", "known there")),
         ("arm.errors.J2.phi_rad", "arm.errors", ("no single value",)),
@@ -578,6 +583,37 @@ def test_no_scheduler_and_a_scheduler_that_goes_away_are_said(whole, tmp_path, m
     with pytest.raises(CommandFailed, match="the scheduler has gone away") as said:
         campaign.run(plan, tmp_path / "out", scheduler=made_cluster.scheduler_address, batch=10)
     assert "goes on" in said.value.todo
+    assert store.parts(tmp_path / "out") == []
+
+
+def command(*arguments):
+    """What the command says, in its own words."""
+    found = CliRunner().invoke(main, ["campaign", "run", *map(str, arguments)])
+    return found.exit_code, found.output
+
+
+def test_the_command_says_what_to_do_about_a_scheduler_and_writes_no_case(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
+    gone = ("--scheduler", "tcp://127.0.0.1:9", "--batch", 10)
+    code, text = command(whole[0], "--out", tmp_path / "out", *gone)
+    assert code == 2
+    for words in ("no scheduler answers", "tcp://127.0.0.1:9", "dask scheduler", "dask worker"):
+        assert words in text
+    assert store.parts(tmp_path / "out") == []
+    assert not list((tmp_path / "out").glob("*.tmp"))
+    code, text = command(whole[0], "--out", tmp_path / "out", *gone[:3], 60)
+    assert code == 2
+    assert "60 cases a task" in text
+    assert "10 to 50" in text
+
+
+def test_the_command_names_a_worker_of_another_version(whole, tmp_path, scheduler, monkeypatch):
+    here = dispersed.software() | {"kincal": "0.0.1"}
+    monkeypatch.setattr(dispersed, "software", lambda: here)
+    code, text = command(whole[0], "--out", tmp_path / "out", "--scheduler", scheduler, "--batch", 10)
+    assert code == 2
+    for words in ("kincal: ", "there, 0.0.1 here", "tcp://", "install the same there"):
+        assert words in text
     assert store.parts(tmp_path / "out") == []
 
 
