@@ -12,7 +12,7 @@ import message_structs  # noqa: E402
 
 HEAD = """package kcm;
 
-// Channel KC_A: {way}; 1 Hz; something.
+// Channel KC_A: {head}; 1 Hz; something.
 //
 // Flight: messages/kc_messages.h, with kc_x.h
 // Flight also: kc_x_t x: nested
@@ -26,8 +26,8 @@ struct a_t
 TAKEN, SENT = "arm -> flight", "flight -> ground"
 
 
-def made(folder, fields, way=TAKEN):
-    (folder / "a_t.lcm").write_text(HEAD.format(way=way, fields=fields))
+def made(folder, fields, head=TAKEN):
+    (folder / "a_t.lcm").write_text(HEAD.format(head=head, fields=fields))
     return message_structs.made(lcm_files.messages(folder))
 
 
@@ -97,7 +97,7 @@ def test_what_has_no_meaning_stops_the_build(tmp_path, fields, what):
 def test_files_of_messages_that_went_are_deleted_and_others_left_alone(tmp_path, monkeypatch):
     folder, out = tmp_path / "msg", tmp_path / "out"
     folder.mkdir()
-    (folder / "a_t.lcm").write_text(HEAD.format(way=TAKEN, fields="double a;"))
+    (folder / "a_t.lcm").write_text(HEAD.format(head=TAKEN, fields="double a;"))
     monkeypatch.setattr(sys, "argv", ["message_structs.py", str(out), str(folder)])
     message_structs.main()
     (out / "decide").mkdir()

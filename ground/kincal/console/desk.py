@@ -73,7 +73,7 @@ class Desk:
     clearances: Clearances | None = None
     _done: OrderedDict[str, Plain | KincalError] = field(default_factory=OrderedDict)
     _accepted: dict[int, int] = field(default_factory=dict)  # by key: highest counter that flight accepted
-    _told: bool = False
+    _warned: bool = False
     _one: threading.Lock = field(default_factory=threading.Lock)
 
     # ---- keys and journal
@@ -130,8 +130,8 @@ class Desk:
                 why = journal.missing(found, signer.key.id, self._accepted[signer.key.id])
             except KincalError:
                 return ""  # of a journal that is not sound, the list of its lines says so
-        if why and not self._told:
-            self._told = True
+        if why and not self._warned:
+            self._warned = True
             self.picture.note("error", "JOURNAL_MISSING", f"{why}. To do: {journal.MISSING_TODO}")
         return f"{why}. {journal.MISSING_TODO}." if why else ""
 
