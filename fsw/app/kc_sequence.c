@@ -236,11 +236,12 @@ static void replace_extra(kc_app_t *app)
     app->est.n_obs--;
 }
 
-/* The frame in which OBSERVE found the tags is the first one of what is measured there. */
+/* The frame in which OBSERVE found the tags is the first one of what is measured there, unless something moved while it
+ * was taken. */
 static void keep_frame(kc_app_t *app)
 {
     const kc_telemetry_t *t = app->view.telemetry;
-    if (!kc_view_at_rest(&app->view)) { return; }
+    if (app->request.moved) { return; }
     kc_frames_add(&app->frames, &app->request.det, &t->arm, &t->pantilt);
 }
 

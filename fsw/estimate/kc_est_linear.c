@@ -4,6 +4,15 @@
 #include "kc_la.h"
 #include "kc_libm.h"
 
+uint32_t kc_est_list(const kc_est_t *est, uint64_t mask, uint32_t *list)
+{
+    uint32_t n = 0u;
+    for (uint32_t c = 0; c < est->terms->n_coef; c++) {
+        if (((mask >> c) & 1u) != 0u) { list[n++] = c; }
+    }
+    return n;
+}
+
 uint32_t kc_est_block(kc_est_t *est, const double *coef, uint32_t i, double raw[6])
 {
     const kc_obs_t *o = &est->obs[i];

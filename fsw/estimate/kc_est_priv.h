@@ -22,6 +22,8 @@ typedef enum {
 
 /* -- kc_est_linear.c: residuals, R and priors -- */
 
+/* The coefficients in mask, in order; how many. */
+uint32_t kc_est_list(const kc_est_t *est, uint64_t mask, uint32_t *list);
 /* Whitened rows of observation i at coef into est->blk, column after column: [J | r]. Returns the number of rows; those
  * that are missing are zero. raw: the residual in m and rad. */
 uint32_t kc_est_block(kc_est_t *est, const double *coef, uint32_t i, double raw[6]);
@@ -41,8 +43,6 @@ uint32_t kc_est_rows(const kc_est_t *est);
 
 /* -- kc_ident.c -- */
 
-/* The coefficients in mask, in order; how many. */
-uint32_t kc_est_list(const kc_est_t *est, uint64_t mask, uint32_t *list);
 /* Rank of the columns of R, which the data alone made. cond, perm, pivot stay in est for the
  * report; F (n_coef^2 values) gets the factored columns, ld n_column. */
 uint32_t kc_est_rank(kc_est_t *est, double *F);

@@ -233,6 +233,7 @@ static void checked(kc_est_t *est)
 
 static void inverted(kc_est_t *est)
 {
+    kc_est_narrow(est);
     const kc_status_t st = kc_est_covariance(est);
     const uint32_t rows = est->job.sums.rows + (est->by_prior != 0u ? est->n_free : 0u);
     est->dof = (rows > est->n_idx) ? rows - est->n_idx : 0u;

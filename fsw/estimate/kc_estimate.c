@@ -135,7 +135,6 @@ void kc_est_take_inside(kc_est_t *est)
 kc_status_t kc_est_covariance(kc_est_t *est)
 {
     for (uint32_t k = 0; k < KC_COEF_MAX * KC_COEF_MAX; k++) { est->cov[k] = 0.0; }
-    kc_est_narrow(est);
     const kc_status_t st = kc_la_upper_cov(est->R, est->n_idx, KC_EST_LD, est->cov, KC_COEF_MAX);
     scatter_cov(est);
     return st;

@@ -27,15 +27,6 @@ static void entangle(kc_est_t *est, uint64_t set)
     }
 }
 
-uint32_t kc_est_list(const kc_est_t *est, uint64_t mask, uint32_t *list)
-{
-    uint32_t n = 0u;
-    for (uint32_t c = 0; c < est->terms->n_coef; c++) {
-        if (((mask >> c) & 1u) != 0u) { list[n++] = c; }
-    }
-    return n;
-}
-
 /* Relative tolerance for kc_la_rank: rank_tol, or what keeps pivots above KC_EST_PIVOT_MIN. The first
  * pivot is the largest column norm. */
 static double tolerance(const kc_est_t *est, const double *scale)

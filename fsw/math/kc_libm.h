@@ -45,7 +45,7 @@ double kc_musl_cos(double x);
 double kc_musl_tan(double x);
 static inline double kc_sin(double x) { return kc_musl_sin(kc_angle(x)); }
 static inline double kc_cos(double x) { return kc_musl_cos(kc_angle(x)); }
-/* Both at once, the same bits; the argument is reduced once. */
+/* Both at once, the same bits, but that the sine of -0 is 0; the argument is reduced once. */
 void kc_sincos(double x, double *sine, double *cosine);
 static inline double kc_tan(double x) { return kc_musl_tan(kc_angle(x)); }
 

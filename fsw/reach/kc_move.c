@@ -99,6 +99,7 @@ static kc_outcome_t check(kc_move_t *move, const kc_view_t *view, kc_work_t *wor
     memcpy(move->q_target, move->q_to, a->arm.n_joints * sizeof *move->q_to);
     memcpy(move->q_former, view->telemetry->arm.q_cmd, sizeof move->q_former);
     move->start_us = view->clock->now_us;
+    move->near_us = 0u;
     move->holds = 0u;
     move->foreign = false;
     command(move, view, out, false);
@@ -123,17 +124,28 @@ kc_outcome_t kc_move_near(kc_move_t *move, const kc_view_t *view, kc_work_t *wor
     return kc_move_send(move, view, work, out, node, node, q);
 }
 
-/* pass: it goes on from there, and need not be at rest. */
+/* Whether the arm is at its target; since when. */
+static bool near(kc_move_t *move, const kc_view_t *view)
+{
+    bool there = kc_view_distance(view, move->q_target) <= view->tables->config.arrive_tol;
+    if (!there) {
+        move->near_us = 0u;
+    } else if (move->near_us == 0u) {
+        move->near_us = view->telemetry->arm.t_us;
+    }
+    return there;
+}
+
+/* pass: it goes on from there, and need not be at rest, but must not run through: a command to go on would find it
+ * beside its segment. Two messages at the target bound its speed. */
 static kc_outcome_t wait(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out, bool pass)
 {
     if (move->checking) { return check(move, view, work, out); }
     uint64_t took = view->clock->now_us - move->start_us;
     /* Its echo, so that an arm that has not begun a short move yet is not taken for one that has finished it. */
     bool heard = echoes(view, move->q_target), lost = !heard && echoes(view, move->q_former);
-    if (heard && (pass || !view->telemetry->arm.moving) &&
-        kc_view_distance(view, move->q_target) <= view->tables->config.arrive_tol) {
-        return kc_outcome(KC_OC_DONE);
-    }
+    bool there = near(move, view), stays = pass && view->telemetry->arm.t_us > move->near_us;
+    if (heard && there && (stays || !view->telemetry->arm.moving)) { return kc_outcome(KC_OC_DONE); }
     if (took > view->tables->config.move_timeout_us) {
         kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_ARM, (double)took, 0.0);
         return kc_abort_for(KC_CAUSE_ARM_LATE);

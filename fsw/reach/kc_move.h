@@ -22,8 +22,9 @@ typedef struct {
     uint32_t i_stop;               /* next stop on the segment to the candidate */
     bool to_stop;                  /* the arm is on its way to a stop, or there */
     uint64_t sent_us, start_us;
+    uint64_t near_us; /* stamp of the first message in a row with the arm at its target; 0: none */
     int32_t seq; /* of the last command */
-    uint32_t holds;   /* how often hold may still be sent again ... */
+    uint32_t holds; /* how often hold may still be sent again ... */
     uint64_t held_us; /* ... after it was sent first */
     bool foreign; /* the target that the arm may be moving to is of an earlier run, and not known */
     /* a command that the guard still checks */
@@ -49,8 +50,8 @@ kc_outcome_t kc_move_near(kc_move_t *move, const kc_view_t *view, kc_work_t *wor
 /* Plan the path to the current candidate (a replicate: over its hub, so that it is approached again) and start.
  * DONE; SKIP: no path, or the guard refused; ABORT: no verified path begins where the arm is. */
 kc_outcome_t kc_move_begin(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out);
-/* MOVE: DONE when the arm is at the candidate, or at a stop (kc_move_stopped). A way point is passed as soon as the arm is
- * there, while it still vibrates. */
+/* MOVE: DONE when the arm is at the candidate, or at a stop (kc_move_stopped). A way point is passed while the arm
+ * still vibrates there: two messages one after the other find it there, so that it does not run through. */
 kc_outcome_t kc_move_run(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out);
 /* Joints (of all of them, KC_JOINT_MAX) at which the next frame is taken: of the next stop, or of the candidate. */
 void kc_move_next_view(const kc_move_t *move, const kc_view_t *view, double *q);

@@ -4,8 +4,7 @@
 #include "kc_libm.h"
 
 #define ARRIVE_TOL_RAD 0.01 /* pan-tilt unit within this of its target has arrived */
-#define AIM_TOL_RAD \
-    0.02    /* a tool this far from the middle of the image needs no turn: the view is 0.7 rad wide */
+#define AIM_PART 0.025      /* a tool this part of the view from the middle of the image needs no turn */
 #define RESEND_US 1000000u  /* a command that did not make it move is sent again after this */
 
 void kc_pantilt_turn(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out, double pan_rad,
@@ -19,6 +18,12 @@ void kc_pantilt_turn(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out
     out->pantilt_cmd = (kc_pantilt_cmd_t){++pantilt->seq, pantilt->pan_rad, pantilt->tilt_rad};
 }
 
+/* Width of the view, or its height if that is less. */
+static double view_rad(const kc_camera_t *c)
+{
+    return kc_min((double)c->width_px / c->fx_px, (double)c->height_px / c->fy_px);
+}
+
 void kc_pantilt_aim(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out, const double *q,
                     const double off_m[3])
 {
@@ -28,7 +33,9 @@ void kc_pantilt_aim(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out,
     for (uint32_t i = 0u; i < 3u; i++) { T.p_m[i] += off_m[i]; }
     (void)kc_camera_aim(&view->tables->camera, T.p_m, &pan, &tilt); /* cut off by a limit: best there is */
     const double off_rad = kc_max(kc_fabs(pan - pantilt->pan_rad), kc_fabs(tilt - pantilt->tilt_rad));
-    if (off_rad > AIM_TOL_RAD) { kc_pantilt_turn(pantilt, view, out, pan, tilt); }
+    if (off_rad > AIM_PART * view_rad(&view->tables->camera)) {
+        kc_pantilt_turn(pantilt, view, out, pan, tilt);
+    }
 }
 
 kc_outcome_t kc_pantilt_wait(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out)

@@ -22,6 +22,7 @@ static void ask(kc_request_t *request, const kc_view_t *view, kc_out_t *out)
     out->frame_request.seq = ++request->seq;
     request->asked_us = view->clock->now_us;
     request->frame = KC_FRAME_AWAITED;
+    request->moved = false;
 }
 
 bool kc_request_retry(kc_request_t *request, const kc_view_t *view)
@@ -44,6 +45,7 @@ kc_frame_t kc_request_poll(kc_request_t *request, const kc_view_t *view, kc_out_
 {
     kc_frame_t frame = request->frame;
     uint64_t took = view->clock->now_us - request->asked_us;
+    if (!kc_view_at_rest(view)) { request->moved = true; }
     if (frame == KC_FRAME_NONE) {
         ask(request, view, out);
         return KC_FRAME_NONE;

@@ -18,6 +18,7 @@ typedef enum {
 
 typedef struct {
     kc_frame_t frame;
+    bool moved;     /* arm or pan-tilt unit moved since the frame was requested */
     uint32_t fails; /* frames of no use since kc_request_begin */
     uint64_t asked_us;
     int32_t seq;        /* of the last request */

@@ -194,6 +194,17 @@ void test_taking_columns_forgets_the_others(void)
     }
 }
 
+void test_taking_all_columns_changes_nothing_and_taking_none_leaves_the_right_hand_side(void)
+{
+    double R[2 * 3] = {1.0, 2.0, 3.0, 0.0, 4.0, 5.0};
+    const double want[6] = {1.0, 2.0, 3.0, 0.0, 4.0, 5.0};
+    const uint32_t keep[2] = {0u, 1u};
+    kc_la_take_columns(R, 2u, 3u, keep, 2u);
+    TEST_ASSERT_EQUAL_MEMORY(want, R, sizeof want);
+    kc_la_take_columns(R, 2u, 3u, keep, 0u);
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, R[0]);
+}
+
 void test_taking_a_column_of_zeros_changes_nothing(void)
 {
     double R[2 * 3] = {0.0, 0.0, 3.0, 0.0, 0.0, 5.0};

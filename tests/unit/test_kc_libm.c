@@ -105,3 +105,57 @@ void test_angles_beyond_the_largest_count_as_the_largest(void)
     TEST_ASSERT_EQUAL_DOUBLE(cos(-999999.5), kc_cos(-999999.5));
     TEST_ASSERT_TRUE(isnan(kc_sin(NAN)) && isnan(kc_cos(NAN)) && isnan(kc_tan(NAN)));
 }
+
+static void assert_both(double x)
+{
+    double s = 9.0, c = 9.0;
+    const double want_s = kc_sin(x), want_c = kc_cos(x);
+    kc_sincos(x, &s, &c);
+    TEST_ASSERT_EQUAL_MEMORY(&want_s, &s, sizeof s);
+    TEST_ASSERT_EQUAL_MEMORY(&want_c, &c, sizeof c);
+}
+
+/* Beside every border of a quadrant, where the reduction begins, and at the ends of the numbers. */
+void test_sine_and_cosine_at_once_have_the_bits_of_each(void)
+{
+    static const double at[] = {
+        0x1p-1074, 0x1p-1022, 0x1p-30,  0x1p-27, 0x1p-26, 0.5,   0.7853984832763671875,
+        1.5e-8,    1e5,       999999.5, 1e6,     1e300,   KC_INF};
+    for (size_t k = 0u; k < sizeof at / sizeof at[0]; k++) {
+        assert_both(at[k]);
+        assert_both(-at[k]);
+        assert_both(nextafter(at[k], k == 0u ? 1.0 : 0.0));
+    }
+    assert_both(0.0);
+    for (int k = -40; k <= 40; k++) {
+        const double border = (double)k * 0.25 * KC_PI;
+        assert_both(border);
+        assert_both(nextafter(border, KC_INF));
+        assert_both(nextafter(border, -KC_INF));
+    }
+    for (size_t k = 0u; k < 3u; k++) { /* sin, sin of large numbers, cos */
+        for (uint32_t i = 0u; i < PROBES; i++) { assert_both(probe(&ROWS[k], i)); }
+    }
+}
+
+/* One angle in each quadrant, of known sine and cosine, and turns beyond it either side. */
+void test_sine_and_cosine_at_once_are_those_of_known_angles(void)
+{
+    static const double unit[4][2] = {{0.5, 0.86602540378443865},
+                                      {0.86602540378443865, -0.5},
+                                      {-0.5, -0.86602540378443865},
+                                      {-0.86602540378443865, 0.5}};
+    double s, c;
+    for (int turns = -3; turns <= 3; turns++) {
+        for (int k = 0; k < 4; k++) { /* 30, 120, 210, 300 degrees */
+            kc_sincos(KC_PI / 6.0 + 0.5 * KC_PI * k + 2.0 * KC_PI * turns, &s, &c);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-14, unit[k][0], s);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-14, unit[k][1], c);
+        }
+    }
+    kc_sincos(-0.0, &s, &c);
+    TEST_ASSERT_TRUE(s >= 0.0 && s <= 0.0);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, c);
+    kc_sincos(NAN, &s, &c);
+    TEST_ASSERT_TRUE(isnan(s) && isnan(c));
+}

@@ -129,6 +129,48 @@ void test_terms_that_depend_on_loads_do_not_change_the_loads(void)
     TEST_ASSERT_TRUE(fabs(plain.tau[0] - s_loads.tau[0]) > 1e-6);
 }
 
+/* Loads count where a term that depends on them moves the arm or is estimated; else they are zero, and the pose is that
+ * of any loads. */
+void test_loads_are_computed_where_a_term_needs_them(void)
+{
+    static kc_loads_t full, needed;
+    static const kc_loads_t none;
+    static const struct {
+        uint8_t first, second, enabled;
+        double coef;
+        bool needed;
+    } row[] = {
+        {KC_VAR_ONE, KC_VAR_ONE, 1u, 0.1, false}, {KC_VAR_Q, KC_VAR_ONE, 1u, 0.1, false},
+        {KC_VAR_ONE, KC_VAR_Q, 1u, 0.1, false},   {KC_VAR_TAU, KC_VAR_ONE, 0u, 0.0, false},
+        {KC_VAR_TAU, KC_VAR_ONE, 1u, 0.0, true},  {KC_VAR_TAU, KC_VAR_ONE, 0u, 0.1, true},
+        {KC_VAR_TAU, KC_VAR_ONE, 0u, NAN, true},  {KC_VAR_ONE, KC_VAR_LEVZ, 0u, -0.1, true},
+        {KC_VAR_Q, KC_VAR_GX, 1u, 0.0, true},
+    };
+    for (size_t k = 0u; k < sizeof row / sizeof row[0]; k++) {
+        s_t.n_coef = s_t.n_term = 0u;
+        add_term(1u, KC_RZ, row[k].first, 1u);
+        s_t.coef[0].enabled = row[k].enabled;
+        s_t.term[0].basis[1].var = row[k].second;
+        s_t.term[0].basis[1].c1 = 1.0;
+        s_coef[0] = row[k].coef;
+        kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &full);
+        memset(&needed, 0x7f, sizeof needed);
+        kc_model_needed_loads(&s_arm, &s_t, s_coef, &s_ctx, &needed);
+        TEST_ASSERT_TRUE(full.tau[0] != 0.0 || full.tau[1] != 0.0);
+        TEST_ASSERT_EQUAL_MEMORY(row[k].needed ? &full : &none, &needed, sizeof needed);
+        if (row[k].needed) { continue; }
+        kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &full, false, &s_ev);
+        kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &needed, false, &s_ev2);
+        TEST_ASSERT_EQUAL_MEMORY(&s_ev.T, &s_ev2.T, sizeof s_ev.T);
+    }
+    s_t.coef[0].enabled = 0u;
+    kc_model_needed_loads(&s_arm, &s_t, NULL, &s_ctx, &needed);
+    TEST_ASSERT_EQUAL_MEMORY(&none, &needed, sizeof needed);
+    s_t.coef[0].enabled = 1u;
+    kc_model_needed_loads(&s_arm, &s_t, NULL, &s_ctx, &needed);
+    TEST_ASSERT_EQUAL_DOUBLE(full.tau[1], needed.tau[1]);
+}
+
 /* Observation of the arm with its coefficients, from a camera. */
 static kc_obs_t given_observation(void)
 {
@@ -221,6 +263,42 @@ void test_a_position_is_corrected_along_the_axes_that_the_model_has_there(void)
     }
     (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
     for (uint32_t k = 3u; k < 6u; k++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, r[k]); }
+}
+
+/* What was seen stands off by known amounts: those come back, with and without rotation and camera; what would be the
+ * Jacobian is left as it is. */
+void test_the_miss_is_what_was_seen_less_the_model_without_a_jacobian(void)
+{
+    const double off[3] = {0.01, -0.03, 0.02};
+    add_term(2u, KC_TX, KC_VAR_ONE, 0u);
+    add_term(KC_FRAME_CAMERA, KC_TY, KC_VAR_ONE, 0u);
+    add_term(KC_FRAME_MEAS, KC_TZ, KC_VAR_Q, 0u);
+    s_coef[0] = 0.05;
+    for (uint8_t kind = 0u; kind < 4u; kind++) {
+        double r[6], same[6];
+        s_coef[1] = s_coef[2] = 0.0;
+        kc_obs_t obs = given_observation();
+        obs.has_rot = kind & 1u;
+        obs.has_cam = kind >> 1u;
+        for (uint32_t i = 0u; i < 3u; i++) { obs.p_m[i] += off[i]; }
+        s_coef[1] = 0.02;
+        memset(&s_ev, 0, sizeof s_ev);
+        s_ev.J[0][0] = s_ev.twist[7][0] = 7.0;
+        TEST_ASSERT_EQUAL_UINT32(obs.has_rot ? 6u : 3u,
+                                 kc_model_miss(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev));
+        for (uint32_t i = 0u; i < 3u; i++) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-15, off[i] + (obs.has_cam && i == 1u ? 0.02 : 0.0), r[i]);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.0, r[3u + i]);
+        }
+        TEST_ASSERT_EQUAL_DOUBLE(7.0, s_ev.J[0][0]);
+        TEST_ASSERT_EQUAL_DOUBLE(7.0, s_ev.twist[7][0]);
+        s_coef[2] = 0.1;
+        (void)kc_model_miss(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
+        (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, same, &s_ev2);
+        TEST_ASSERT_EQUAL_MEMORY(same, r, sizeof r);
+        TEST_ASSERT_EQUAL_MEMORY(&s_ev2.T, &s_ev.T, sizeof s_ev.T);
+        TEST_ASSERT_EQUAL_MEMORY(s_ev2.Jq, s_ev.Jq, sizeof s_ev.Jq);
+    }
 }
 
 /* ---- frames ---- */

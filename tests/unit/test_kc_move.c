@@ -56,6 +56,37 @@ void test_a_way_point_is_passed_by_an_arm_that_vibrates_and_a_candidate_is_not(v
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 100u));
 }
 
+/* Where the arm says it is, moving, in a message of its own; true if the way point was passed. */
+static bool passed(double off, uint64_t t_us)
+{
+    kc_arm_state_t *arm = &APP->input.telemetry.arm;
+    kc_work_t work = kc_work_of_step();
+    memcpy(arm->q, APP->move.q_target, sizeof arm->q);
+    memcpy(arm->q_cmd, APP->move.q_target, sizeof arm->q_cmd);
+    arm->q[0] += off;
+    arm->moving = 1u;
+    arm->t_us = t_us;
+    memset(&world.out, 0, sizeof world.out);
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, kc_move_run(&APP->move, &APP->view, &work, &world.out).id);
+    return APP->move.i_path > 0u;
+}
+
+void test_an_arm_that_runs_through_a_way_point_is_not_sent_on(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MOVE, 300u));
+    TEST_ASSERT_TRUE(APP->move.n_path > 1u && APP->move.i_path == 0u && !APP->move.checking);
+    const double tol = kc_app_active(APP)->config.arrive_tol;
+    const uint64_t t = world.now_us;
+    TEST_ASSERT_FALSE(passed(0.0, t + 1u));
+    TEST_ASSERT_FALSE(passed(0.0, t + 1u)); /* the same message */
+    TEST_ASSERT_FALSE(passed(2.0 * tol, t + 2u)); /* it has run through */
+    TEST_ASSERT_FALSE(passed(0.5 * tol, t + 3u)); /* and comes back */
+    TEST_ASSERT_TRUE(passed(-0.5 * tol, t + 4u));
+    TEST_ASSERT_EQUAL_UINT64(0u, APP->move.near_us); /* of the next target nothing is known yet */
+}
+
 void test_every_command_at_a_candidate_stays_on_the_servo_bound(void)
 {
     double seed[KC_JOINT_MAX];
@@ -630,18 +661,23 @@ void test_a_tool_near_the_middle_of_the_image_needs_no_turn(void)
 {
     static kc_out_t out;
     static const double none[3] = {0.0},
-                        off[][2] = {{0.0, 0.0}, {0.019, 0.0}, {0.0, -0.019}, {0.021, 0.0}, {0.0, -0.021}};
+                        off[][2] = {{0.0, 0.0}, {0.99, 0.0}, {0.0, -0.99}, {1.01, 0.0}, {0.0, -1.01}};
     kc_pose_t T;
     double pan = 0.0, tilt = 0.0;
     world_started();
     kc_view_expect(&APP->view, world.q, &T);
     (void)kc_camera_aim(&kc_app_active(APP)->camera, T.p_m, &pan, &tilt);
-    for (uint32_t i = 0u; i < 5u; i++) {
+    kc_camera_t *c = &APP->tables.active.camera;
+    for (uint32_t i = 0u; i < 15u; i++) { /* 1/40 of the view: of its height, of its width, of a long lens */
+        const uint32_t width = i < 5u ? 1920u : 540u;
+        const double f = i < 10u ? 1397.0 : 13970.0, most = (i < 5u ? 1080.0 : 540.0) / f / 40.0;
+        c->width_px = width;
+        c->fx_px = c->fy_px = f;
         memset(&out, 0, sizeof out);
-        APP->pantilt.pan_rad = pan + off[i][0];
-        APP->pantilt.tilt_rad = tilt + off[i][1];
+        APP->pantilt.pan_rad = pan + most * off[i % 5u][0];
+        APP->pantilt.tilt_rad = tilt + most * off[i % 5u][1];
         kc_pantilt_aim(&APP->pantilt, &APP->view, &out, world.q, none);
-        TEST_ASSERT_EQUAL_UINT8(i < 3u ? 0u : 1u, out.has_pantilt_cmd);
+        TEST_ASSERT_EQUAL_UINT8(i % 5u < 3u ? 0u : 1u, out.has_pantilt_cmd);
     }
 }
 
