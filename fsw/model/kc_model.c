@@ -37,6 +37,7 @@ static void sum_twists(const kc_terms_t *terms, const double *coef, const kc_ctx
                        const kc_loads_t *loads, twists_t tw, double *weight)
 {
     memset(tw, 0, sizeof(twists_t));
+    if (coef == NULL && weight == NULL) { return; } /* terms may be NULL then */
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
         const double by = value_of(coef, t->coef);
@@ -51,6 +52,7 @@ static void sum_twists(const kc_terms_t *terms, const double *coef, const kc_ctx
 /* Whether a term depends on loads that has to be right: it moves the arm, or its derivative may be used. */
 static bool loads_count(const kc_terms_t *terms, const double *coef)
 {
+    if (terms == NULL) { return false; }
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
         if (is_constant(t)) { continue; }

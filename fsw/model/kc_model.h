@@ -51,7 +51,8 @@ void kc_model_needed_loads(const kc_arm_t *arm, const kc_terms_t *terms, const d
 
 /* Corrected pose, joint Jacobian and coefficient Jacobian at fixed loads (the derivative
  * through the loads is second order and left out; Gauss-Newton re-evaluates them).
- * coef: n_coef values (NULL: all zero). want_J = 0 skips twist and J. O(n + n_term). */
+ * coef: n_coef values (NULL: all zero). want_J = 0 skips twist and J; with coef NULL too, terms may be NULL (here, in
+ * kc_model_loads and in kc_model_needed_loads). O(n + n_term). */
 void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                    const kc_loads_t *loads, bool want_J, kc_eval_t *ev);
 

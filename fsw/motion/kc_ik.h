@@ -13,7 +13,7 @@ typedef struct {
     double step_max; /* largest joint step per iteration */
 } kc_ik_opt_t;
 
-/* Joints that bring the corrected tool (coef; NULL = nominal) to `goal`, starting from q (in and
+/* Joints that bring the corrected tool (coef; NULL = nominal, without need of terms) to `goal`, starting from q (in and
  * out). KC_OK inside the tolerances; KC_ERR_REACH: not reached, q = closest found, inside the limits.
  * *evals (NULL: not wanted): how often the model was evaluated, at most iter_max + 1. Deterministic. */
 kc_status_t kc_ik_solve(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,

@@ -57,6 +57,18 @@ static kc_status_t solve(const kc_pose_t *goal, const double *coef)
     return kc_ik_solve(&s_arm, &s_terms, coef, goal, &s_opt, s_q, &s_work, &s_evals);
 }
 
+void test_the_nominal_arm_needs_no_table_of_terms(void)
+{
+    double q[KC_JOINT_MAX] = {0.0};
+    given_planar_arm();
+    kc_pose_t goal = planar_goal(0.3, 0.9);
+    s_q[1] = 0.5;
+    TEST_ASSERT_EQUAL_INT(KC_OK, solve(&goal, NULL));
+    q[1] = 0.5;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_ik_solve(&s_arm, NULL, NULL, &goal, &s_opt, q, &s_work, NULL));
+    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(s_q, q, KC_JOINT_MAX);
+}
+
 void test_the_planar_arm_finds_its_closed_form(void)
 {
     kc_pose_t goal = planar_goal(0.7, -1.1);
