@@ -7,7 +7,7 @@
 #include "kc_input_fields.h"
 #include "kc_libm.h"
 
-#define IK_ITER_MAX 60u
+#define IK_ITER_MAX 40u /* with the largest tables all of them are charged with less than KC_STEP_WORK */
 #define IK_STEP_MAX 0.3
 #define ECHO_TOL 1e-6       /* joint difference up to which the arm echoes its target */
 #define RESEND_US 1000000u  /* a command that the arm does not echo is sent again after this */
@@ -128,11 +128,8 @@ kc_outcome_t kc_move_near(kc_move_t *move, const kc_view_t *view, kc_work_t *wor
 static bool near(kc_move_t *move, const kc_view_t *view)
 {
     bool there = kc_view_distance(view, move->q_target) <= view->tables->config.arrive_tol;
-    if (!there) {
-        move->near_us = 0u;
-    } else if (move->near_us == 0u) {
-        move->near_us = view->telemetry->arm.t_us;
-    }
+    if (!there) { move->near_us = 0u; }
+    if (there && move->near_us == 0u) { move->near_us = view->telemetry->arm.t_us; }
     return there;
 }
 

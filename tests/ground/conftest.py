@@ -29,14 +29,6 @@ def library():
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    """A calibration that has ended with a proposal."""
-    from waiting_flight import proposed
-
-    return proposed(tmp_path_factory.mktemp("proposed"))
-
-
-@pytest.fixture(scope="session")
 def wheel(tmp_path_factory):
     """The wheel, built as `pip install ./ground` does in an active environment with LCM's Python package: its
     lcm-gen stands first on the PATH, and does not work where pip builds."""

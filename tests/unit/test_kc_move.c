@@ -681,6 +681,23 @@ void test_a_tool_near_the_middle_of_the_image_needs_no_turn(void)
     }
 }
 
+/* With as many joints and terms as there may be, each with two functions and loads, the move is a unit of one step. */
+void test_the_joints_of_a_move_are_charged_with_less_than_a_step(void)
+{
+    world_started();
+    kc_active_t *a = &APP->tables.active;
+    a->arm.n_joints = KC_JOINT_MAX;
+    a->terms.n_term = KC_TERM_MAX;
+    for (uint32_t k = 0u; k < KC_TERM_MAX; k++) {
+        a->terms.term[k] = (kc_term_t){.gain = 1.0};
+        a->terms.term[k].basis[0] = (kc_basis_t){.fn = KC_FN_SIN, .var = KC_VAR_TAU, .index = 1u, .c1 = 1.0};
+        a->terms.term[k].basis[1] = a->terms.term[k].basis[0];
+    }
+    a->terms.coef[0].enabled = 1u;
+    const uint64_t cost = kc_move_begin_cost(&APP->view);
+    TEST_ASSERT_TRUE(cost > KC_STEP_WORK / 2u && cost <= KC_STEP_WORK);
+}
+
 /* ---- stops ---- */
 
 /* Candidate 0, on hub 0, has four of them; the arm of the world is off, so that frames tell something. */
