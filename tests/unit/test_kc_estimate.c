@@ -187,6 +187,19 @@ void test_a_prior_that_overflows_is_reported(void)
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_est_solve(&s_est));
 }
 
+/* No pose depends on it, nothing is held, and its prior is so wide that its row counts as zero. */
+void test_a_coefficient_that_nothing_bounds_has_no_covariance(void)
+{
+    given(12u, 0.0);
+    s_terms.coef[s_terms.n_coef++] =
+        (kc_coef_t){.name = "more", .lb = -1.0, .ub = 1.0, .scale = 1.0, .prior_sigma = 1e146, .enabled = 1u};
+    s_est.opt.use_prior = s_est.hold_none = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_est_solve(&s_est));
+    s_terms.coef[s_terms.n_coef - 1u].prior_sigma = 1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.0, s_est.sigma[s_terms.n_coef - 1u]);
+}
+
 /* ---- solving ---- */
 
 void test_the_papers_errors_are_found_from_zero(void)
