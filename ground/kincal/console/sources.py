@@ -90,9 +90,8 @@ class Recording:
             except Exception:  # noqa: BLE001, S112 a damaged message is passed over; decoders raise anything
                 continue
             t_us = max(t_us, getattr(message, "t_us", t_us))
-            if event.channel == _IMAGE:
-                message = out._frame(message, event.at)
-            out.messages.append((t_us, event.channel, message))
+            shown: Any = out._frame(message, event.at) if event.channel == _IMAGE else message
+            out.messages.append((t_us, event.channel, shown))
         if not out.messages:
             raise BadInput("the recording holds no messages of flight", str(path), "give a log of a run")
         return out
