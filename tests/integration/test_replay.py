@@ -15,7 +15,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("replay")
     record(folder, (("paper", 3, Setup(poses=1)),))
     sources = [ROOT / "tests/cross" / name for name in ("replay.c", "host.c")]
-    rooms = [f"-I{room}" for room in (ROOT / "fsw").iterdir() if room.is_dir()]
+    sources_of = (ROOT / "fsw", ROOT / "build/made")
+    rooms = [f"-I{room}" for place in sources_of for room in place.iterdir() if room.is_dir()]
     build = ["gcc", "-std=c11", "-O1", f"-I{folder}", *rooms, *sources, ROOT / "build/libkincal.a"]
     subprocess.run([*build, "-o", folder / "replay"], check=True)
     return folder
