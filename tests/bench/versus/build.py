@@ -33,7 +33,8 @@ def _compile(name: str, command: list[str], sources: list[Path]) -> Path:
 def flight_loop() -> Path:
     """Shared library with the loops over flight's functions."""
     source, core = HERE / "flight_loop.c", ROOT / "build" / "libkincal.a"
-    folders = [f"-I{folder}" for folder in sorted((ROOT / "fsw").iterdir()) if folder.is_dir()]
+    places = [*(ROOT / "fsw").iterdir(), *(ROOT / "build/made").iterdir()]
+    folders = [f"-I{folder}" for folder in sorted(places) if folder.is_dir()]
     command = ["gcc", "-std=c11", *FLAGS, "-fPIC", "-shared", *folders, str(source), str(core), "-lstdc++"]
     return _compile("libflight_loop.so", command, [source, core])
 
