@@ -15,7 +15,7 @@ void kc_est_model(kc_est_t *est)
 {
     kc_qp_t *qp = &est->qp;
     const uint32_t n = est->n_idx, all = est->n_column;
-    uint32_t at[KC_COEF_MAX] = {0u}, m = 0u; /* their columns in R */
+    uint32_t at[KC_COEF_MAX] = {0}, m = 0u; /* their columns in R */
     double *z = est->trial; /* the last column of R, made contiguous */
     qp->n = n;
     for (uint32_t j = 0; j < all; j++) {
