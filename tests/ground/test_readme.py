@@ -49,7 +49,7 @@ def files_that_git_sees(clone):
     git = {**os.environ, "GIT_DIR": str(clone.parent / "no-index"), "GIT_WORK_TREE": str(clone)}
     subprocess.run(["git", "init", "--quiet"], env=git, cwd=clone, check=True)
     listed = subprocess.run(words, env=git, cwd=clone, capture_output=True, text=True, check=True)
-    return {name: (clone / name).stat().st_mtime_ns for name in listed.stdout.split("\0") if name}
+    return {name: (clone / name).lstat().st_mtime_ns for name in listed.stdout.split("\0") if name}
 
 
 @pytest.mark.parametrize("block", ["no-such-program | tee x", "cat missing | sort > y", "cd missing"])
