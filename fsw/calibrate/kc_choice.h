@@ -5,6 +5,7 @@
 #include <stdint.h>
 
 #include "kc_acquire.h"
+#include "kc_clear.h"
 #include "kc_gp.h"
 #include "kc_evaluation.h"
 
@@ -15,6 +16,7 @@ typedef struct {
     bool initial;  /* whether the arm leaves the park pose is part of it */
     uint8_t eligible[KC_CAND_MAX]; /* what it is among */
     float cost[KC_CAND_MAX];       /* of each (kc_cost.h) */
+    kc_clear_t clear; /* of the pose that the arm leaves the park pose for */
 } kc_choice_t;
 
 typedef struct {

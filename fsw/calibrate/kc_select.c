@@ -54,10 +54,10 @@ void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *view, cons
 
 /* ---- the acquisition ---- */
 
-/* Parts of a choice. LOCAL: among local initial poses, since the arm does not leave the park pose yet; by the bounds,
+/* Parts of a choice. CLEARANCE: of the pose that INFORMATION would leave the park pose for. LOCAL: among local initial poses, since the arm does not leave the park pose yet; by the bounds,
  * which is what shows soonest that a suspicion is wrong. SUSPECTED: among those that INFORMATION found safe by the
  * bounds, by the prior of the suspects. */
-enum { FRESH = 0, JOINTS, INFORMATION, LOCAL, SUSPECTED, ACQUIRED, CHOSEN };
+enum { FRESH = 0, JOINTS, INFORMATION, CLEARANCE, LOCAL, SUSPECTED, ACQUIRED, CHOSEN };
 
 /* Joints expected at each candidate after the servo, and its cost: with large errors they are far from the seeds, and
  * the information of a pose depends on them (tests/bench/samples.py --space). False: goes on in the next step. */
@@ -160,20 +160,45 @@ static void acquired(kc_cal_t *cal, kc_arena_calibration_t *arena)
     choose(&arena->choice, arena->acq.best);
 }
 
-/* The arm leaves the park pose for the best of the poses that are predicted safe there, if an arm outside its bounds
- * would have been noticed by now; else a local initial pose is next. */
+/* A local initial pose is next: the arm does not leave the park pose yet. */
+static void stay(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view)
+{
+    (void)kc_plan_local(plan, &view->tables->space, arena->choice.eligible);
+    ask(cal, arena, view, true, false);
+    arena->choice.part = LOCAL;
+}
+
+static double power_of(const kc_arena_calibration_t *arena, const kc_view_t *view)
+{
+    return kc_local_power(&view->tables->config, kc_local_rows(view->est), arena->acq.known);
+}
+
+/* Whether there is a pose to leave the park pose for that is predicted safe, and an arm outside its bounds would have
+ * been noticed by now. */
+static void consider_leaving(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena,
+                             const kc_view_t *view)
+{
+    const kc_acq_work_t *acq = &arena->acq;
+    const bool powerful = power_of(arena, view) >= view->tables->config.power_min;
+    if (!powerful || acq->status != KC_OK || !acq->safe) {
+        stay(cal, plan, arena, view);
+        return;
+    }
+    arena->choice.clear.k = 0u;
+    arena->choice.part = CLEARANCE;
+}
+
+/* The arm leaves the park pose for the best of the poses that are predicted safe, if it stands clear there. */
 static void leave(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view,
                   kc_out_t *out)
 {
     const kc_acq_work_t *acq = &arena->acq;
-    double power = kc_local_power(&view->tables->config, kc_local_rows(view->est), acq->known);
-    if (power < view->tables->config.power_min || acq->status != KC_OK || !acq->safe) {
-        (void)kc_plan_local(plan, &view->tables->space, arena->choice.eligible);
-        ask(cal, arena, view, true, false);
-        arena->choice.part = LOCAL;
+    if (!kc_clear_enough(acq, &arena->choice.clear)) {
+        stay(cal, plan, arena, view);
         return;
     }
-    kc_event(&out->events, KC_EVT_CAL_LEAVES_PARK, (int32_t)plan->n_local, power, kc_sqrt(acq->sigma2_m2));
+    kc_event(&out->events, KC_EVT_CAL_LEAVES_PARK, (int32_t)plan->n_local, power_of(arena, view),
+             kc_sqrt(acq->sigma2_m2));
     kc_plan_leave(plan, &view->tables->space, !informed(cal));
     kc_plan_begin(plan, &view->tables->space, acq->best);
     if (!informed(cal)) {
@@ -205,11 +230,24 @@ static void informed_of(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *
     if (ch->part == LOCAL) {
         choose_local(cal, plan, arena, view);
     } else if (ch->part == INFORMATION && ch->initial) {
+        consider_leaving(cal, plan, arena, view);
+    } else if (ch->part == CLEARANCE) {
         leave(cal, plan, arena, view, out);
     } else {
         bool once_more = ch->part == INFORMATION && by_suspects(cal, arena, view);
         if (!once_more) { acquired(cal, arena); }
     }
+}
+
+static bool part_done(kc_arena_calibration_t *arena, const kc_view_t *view, kc_work_t *work)
+{
+    kc_choice_t *ch = &arena->choice;
+    if (ch->part == CLEARANCE) {
+        const float *q = &arena->cand_q[arena->acq.best * KC_JOINT_MAX];
+        return kc_clear_step(view, q, &arena->acq, &ch->clear, work);
+    }
+    return kc_acq_info_step(view->est, arena->cand_q, view->tables->space.n_cand, ch->eligible, &arena->acq,
+                            work);
 }
 
 /* The information criteria; where they cannot be evaluated, what at_once() gives. False: goes on in the next
@@ -224,9 +262,8 @@ static bool inform(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena
         ch->part = INFORMATION;
     }
     while (ch->part <= SUSPECTED) {
-        if (!kc_acq_info_step(view->est, arena->cand_q, view->tables->space.n_cand, ch->eligible, &arena->acq,
-                              work) ||
-            !kc_work_take(work, ch->initial ? KC_LOCAL_COST : 0u)) {
+        if (!part_done(arena, view, work) ||
+            !kc_work_take(work, ch->initial ? KC_LOCAL_COST + KC_CLEAR_COST : 0u)) {
             return false;
         }
         informed_of(cal, plan, arena, view, out);

@@ -446,8 +446,8 @@ static uint64_t next_posture(const kc_guard_request_t *request, kc_guard_job_t *
     return cost;
 }
 
-/* Bound of the instructions for one posture: of a body's two axes against every volume, of pairs of bodies. */
-static uint64_t posture_cost(const kc_guard_request_t *request)
+/* Of a body's two axes against every volume, of pairs of bodies. */
+uint64_t kc_guard_clearance_cost(const kc_guard_request_t *request)
 {
     const kc_space_t *s = request->space;
     uint64_t cost = kc_model_cost(request->arm, request->terms, request->coef, false);
@@ -482,12 +482,19 @@ void kc_guard_begin(const kc_guard_request_t *request, kc_guard_job_t *job)
 
 bool kc_guard_step(const kc_guard_request_t *request, kc_guard_job_t *job, kc_work_t *work)
 {
-    const uint64_t cost = posture_cost(request);
+    const uint64_t cost = kc_guard_clearance_cost(request);
     while (!job->over) {
         if (!kc_work_take(work, cost)) { return false; }
         kc_work_return(work, cost - next_posture(request, job));
     }
     return true;
+}
+
+double kc_guard_clearance_at(const kc_guard_request_t *request, uint64_t *cost)
+{
+    kc_guard_near_t near;
+    *cost = near_at(request, 1.0, &near);
+    return kc_min(near.d[0], near.d[1]);
 }
 
 kc_guard_verdict_t kc_guard_check(const kc_guard_request_t *request, kc_guard_reason_t *why)

@@ -96,4 +96,9 @@ kc_guard_verdict_t kc_guard_check(const kc_guard_request_t *request, kc_guard_re
 void kc_guard_begin(const kc_guard_request_t *request, kc_guard_job_t *job);
 bool kc_guard_step(const kc_guard_request_t *request, kc_guard_job_t *job, kc_work_t *work);
 
+/* The smaller of both clearances at q_to; KC_INF without any pair. *cost: the instructions that it is charged with, and
+ * a bound of them. Of the request only arm, terms, coef, space, ctx and both q are used. */
+double kc_guard_clearance_at(const kc_guard_request_t *request, uint64_t *cost);
+uint64_t kc_guard_clearance_cost(const kc_guard_request_t *request);
+
 #endif

@@ -4,6 +4,7 @@
 
 #include "given_world.h"
 #include "kc_cost.h"
+#include "kc_guard.h"
 #include "kc_select.h"
 #include "unity.h"
 
@@ -90,6 +91,33 @@ void test_the_arm_stays_until_a_pose_is_predicted_safe(void)
     TEST_ASSERT_TRUE(n > 1u && n < N_LOCAL);
     sigma_m = world.last[KC_EVT_CAL_LEAVES_PARK].want;
     TEST_ASSERT_TRUE(sigma_m > 0.0 && sigma_m <= 0.06);
+}
+
+/* Ground this far below the lowest candidate's tool; nothing else can touch. */
+static void given_ground(double below_m)
+{
+    kc_space_t *s = &world.space;
+    double lowest_m = (double)INFINITY;
+    for (uint32_t c = 0u; c < s->n_cand; c++) { lowest_m = fmin(lowest_m, (double)s->cand[c].p_m[2]); }
+    s->n_body = s->n_volume = 1u;
+    s->body[0] = (kc_body_t){0u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.01f, 0u};
+    s->volume[0] = (kc_volume_t){
+        KC_VOL_BELOW, {0.0f, 0.0f, (float)(lowest_m - below_m - 0.01)}, {0.0f, 0.0f, 0.0f}, 0.0f, 0u};
+}
+
+void test_the_arm_stays_until_it_stands_clear_where_it_goes(void)
+{
+    uint32_t n[2];
+    for (uint32_t i = 0u; i < 2u; i++) {
+        given_informed(KC_ACQ_DOPT, ANY, ANY, 0.0);
+        given_ground(i == 0u ? 3.0 : 0.02);
+        world_calibrated();
+        n[i] = locals();
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_LEAVES_PARK));
+        TEST_ASSERT_EQUAL_UINT32(n[i] + 6u, world.n_meas);
+    }
+    TEST_ASSERT_EQUAL_UINT32(1u, n[0]);
+    TEST_ASSERT_TRUE(n[1] > 1u && n[1] < N_LOCAL);
 }
 
 void test_where_nothing_is_safe_all_local_poses_are_measured_and_then_the_table_goes_on(void)
