@@ -14,6 +14,10 @@ typedef struct {
     uint32_t part, i;
     uint32_t cand; /* the one chosen */
     bool initial;  /* whether the arm leaves the park pose is part of it */
+    /* then: the local initial pose of the largest gain, that gain, and whether it is predicted safe */
+    uint32_t local;
+    double local_gain;
+    bool local_safe;
     uint8_t eligible[KC_CAND_MAX]; /* what it is among */
     float cost[KC_CAND_MAX];       /* of each (kc_cost.h) */
     kc_clear_t clear; /* of the pose that the arm leaves the park pose for */

@@ -54,10 +54,11 @@ void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *view, cons
 
 /* ---- the acquisition ---- */
 
-/* Parts of a choice. CLEARANCE: of the pose that INFORMATION would leave the park pose for. LOCAL: among local initial poses, since the arm does not leave the park pose yet; by the bounds,
- * which is what shows soonest that a suspicion is wrong. SUSPECTED: among those that INFORMATION found safe by the
- * bounds, by the prior of the suspects. */
-enum { FRESH = 0, JOINTS, INFORMATION, CLEARANCE, LOCAL, SUSPECTED, ACQUIRED, CHOSEN };
+/* Parts of a choice. LOCAL: among local initial poses, while the arm has not left the park pose; by the bounds, which is
+ * what shows soonest that a suspicion is wrong. The others are looked at only once it may leave. CLEARANCE: of the pose
+ * that INFORMATION would leave for. SUSPECTED: among those that INFORMATION found safe by the bounds, by the prior of the
+ * suspects. */
+enum { FRESH = 0, LOCAL, JOINTS, INFORMATION, CLEARANCE, SUSPECTED, ACQUIRED, CHOSEN };
 
 /* Joints expected at each candidate after the servo, and its cost: with large errors they are far from the seeds, and
  * the information of a pose depends on them (tests/bench/samples.py --space). False: goes on in the next step. */
@@ -160,12 +161,18 @@ static void acquired(kc_cal_t *cal, kc_arena_calibration_t *arena)
     choose(&arena->choice, arena->acq.best);
 }
 
-/* A local initial pose is next: the arm does not leave the park pose yet. */
-static void stay(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view)
+/* The arm does not leave the park pose yet: the local initial pose of the largest gain, if it is predicted safe, else that
+ * of the table. */
+static void stay(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, const kc_view_t *view)
 {
-    (void)kc_plan_local(plan, &view->tables->space, arena->choice.eligible);
-    ask(cal, arena, view, true, false);
-    arena->choice.part = LOCAL;
+    uint32_t cand = ch->local;
+    if (ch->local_safe) {
+        cal->acq_value = ch->local_gain;
+        kc_plan_begin(plan, &view->tables->space, cand);
+    } else {
+        (void)kc_plan_next(plan, &view->tables->space, 0u, false, &cand); /* one is left */
+    }
+    choose(ch, cand);
 }
 
 static double power_of(const kc_arena_calibration_t *arena, const kc_view_t *view)
@@ -173,19 +180,34 @@ static double power_of(const kc_arena_calibration_t *arena, const kc_view_t *vie
     return kc_local_power(&view->tables->config, kc_local_rows(view->est), arena->acq.known);
 }
 
-/* Whether there is a pose to leave the park pose for that is predicted safe, and an arm outside its bounds would have
- * been noticed by now. */
+/* The local initial poses are compared: others follow only if an arm outside its bounds would have been noticed by now. */
+static void consider_others(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena,
+                            const kc_view_t *view)
+{
+    const kc_acq_work_t *acq = &arena->acq;
+    kc_choice_t *ch = &arena->choice;
+    ch->local = acq->best;
+    ch->local_gain = acq->value;
+    ch->local_safe = acq->status == KC_OK && acq->safe;
+    if (power_of(arena, view) < view->tables->config.power_min) {
+        stay(cal, plan, ch, view);
+        return;
+    }
+    kc_plan_after_local(plan, &view->tables->space, !informed(cal), ch->eligible);
+    ch->part = JOINTS;
+}
+
+/* Whether there is a pose to leave the park pose for that is predicted safe. */
 static void consider_leaving(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena,
                              const kc_view_t *view)
 {
-    const kc_acq_work_t *acq = &arena->acq;
-    const bool powerful = power_of(arena, view) >= view->tables->config.power_min;
-    if (!powerful || acq->status != KC_OK || !acq->safe) {
-        stay(cal, plan, arena, view);
+    kc_choice_t *ch = &arena->choice;
+    if (arena->acq.status != KC_OK || !arena->acq.safe) {
+        stay(cal, plan, ch, view);
         return;
     }
-    arena->choice.clear.k = 0u;
-    arena->choice.part = CLEARANCE;
+    ch->clear.k = 0u;
+    ch->part = CLEARANCE;
 }
 
 /* The arm leaves the park pose for the best of the poses that are predicted safe, if it stands clear there. */
@@ -194,7 +216,7 @@ static void leave(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena,
 {
     const kc_acq_work_t *acq = &arena->acq;
     if (!kc_clear_enough(acq, &arena->choice.clear)) {
-        stay(cal, plan, arena, view);
+        stay(cal, plan, &arena->choice, view);
         return;
     }
     kc_event(&out->events, KC_EVT_CAL_LEAVES_PARK, (int32_t)plan->n_local, power_of(arena, view),
@@ -208,27 +230,16 @@ static void leave(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena,
     if (!by_suspects(cal, arena, view)) { acquired(cal, arena); }
 }
 
-/* The local initial pose of the largest gain among those that are predicted safe; without one, that of the table. */
-static void choose_local(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view)
-{
-    uint32_t cand = 0u;
-    if (arena->acq.status == KC_OK && arena->acq.safe) {
-        cand = arena->acq.best;
-        cal->acq_value = arena->acq.value;
-        kc_plan_begin(plan, &view->tables->space, cand);
-    } else {
-        (void)kc_plan_next(plan, &view->tables->space, 0u, false, &cand); /* one is left */
-    }
-    choose(&arena->choice, cand);
-}
-
 /* A part of the choice by information is over. */
-static void informed_of(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view,
-                        kc_out_t *out)
+static void go_on(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view,
+                  kc_out_t *out)
 {
-    const kc_choice_t *ch = &arena->choice;
+    kc_choice_t *ch = &arena->choice;
     if (ch->part == LOCAL) {
-        choose_local(cal, plan, arena, view);
+        consider_others(cal, plan, arena, view);
+    } else if (ch->part == JOINTS) {
+        ask(cal, arena, view, false, false);
+        ch->part = INFORMATION;
     } else if (ch->part == INFORMATION && ch->initial) {
         consider_leaving(cal, plan, arena, view);
     } else if (ch->part == CLEARANCE) {
@@ -242,6 +253,7 @@ static void informed_of(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *
 static bool part_done(kc_arena_calibration_t *arena, const kc_view_t *view, kc_work_t *work)
 {
     kc_choice_t *ch = &arena->choice;
+    if (ch->part == JOINTS) { return predict_joints(arena, view, work); }
     if (ch->part == CLEARANCE) {
         const float *q = &arena->cand_q[arena->acq.best * KC_JOINT_MAX];
         return kc_clear_step(view, q, &arena->acq, &ch->clear, work);
@@ -256,17 +268,11 @@ static bool inform(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena
                    kc_work_t *work, kc_out_t *out)
 {
     kc_choice_t *ch = &arena->choice;
-    if (ch->part == JOINTS) {
-        if (!predict_joints(arena, view, work)) { return false; }
-        ask(cal, arena, view, false, false);
-        ch->part = INFORMATION;
-    }
     while (ch->part <= SUSPECTED) {
-        if (!part_done(arena, view, work) ||
-            !kc_work_take(work, ch->initial ? KC_LOCAL_COST + KC_CLEAR_COST : 0u)) {
-            return false;
-        }
-        informed_of(cal, plan, arena, view, out);
+        const uint64_t more = ch->initial && ch->part != JOINTS ? (uint64_t)KC_LOCAL_COST + KC_CLEAR_COST
+                                                                : 0u;
+        if (!part_done(arena, view, work) || !kc_work_take(work, more)) { return false; }
+        go_on(cal, plan, arena, view, out);
     }
     return true;
 }
@@ -302,9 +308,10 @@ static bool doubtful(const kc_view_t *view, kc_out_t *out)
 }
 
 /* What needs no acquisition: an end, initial poses, replicates. */
-static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, const kc_view_t *view,
-                            kc_out_t *out)
+static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena,
+                            const kc_view_t *view, kc_out_t *out)
 {
+    kc_choice_t *ch = &arena->choice;
     const kc_space_t *s = &view->tables->space;
     bool undetermined = view->est->rank < view->est->n_free;
     uint32_t cand = 0u;
@@ -319,9 +326,13 @@ static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, con
     cal->chosen_by = -1;
     ch->initial = kc_plan_local(plan, s, ch->eligible);
     if (ch->initial && doubtful(view, out)) { return kc_outcome(KC_OC_AGAIN); }
-    kc_plan_after_local(plan, s, ch->initial && !informed(cal), ch->eligible);
-    ch->part = ch->initial || by_information(cal, view) ? JOINTS : ACQUIRED;
-    if (ch->initial) { return kc_outcome(KC_OC_STAY); }
+    if (ch->initial) {
+        ask(cal, arena, view, true, false);
+        ch->part = LOCAL;
+        return kc_outcome(KC_OC_STAY);
+    }
+    kc_plan_after_local(plan, s, false, ch->eligible);
+    ch->part = by_information(cal, view) ? JOINTS : ACQUIRED;
     if (kc_plan_next(plan, s, view->tables->config.replicate_every, undetermined, &cand)) {
         choose(ch, cand);
     }
@@ -334,7 +345,7 @@ kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_
     kc_choice_t *ch = &arena->choice;
     if (ch->part == FRESH) {
         kc_work_spend(work, KC_LOCAL_DOUBT_COST);
-        kc_outcome_t oc = planned(cal, plan, ch, view, out);
+        kc_outcome_t oc = planned(cal, plan, arena, view, out);
         if (oc.id != KC_OC_STAY) { return oc; }
     }
     if (!inform(cal, plan, arena, view, work, out)) { return kc_outcome(KC_OC_STAY); }

@@ -293,11 +293,11 @@ static uint32_t units(const kc_est_t *est, uint32_t n_cand, const kc_acq_work_t 
 static uint64_t unit_cost(const kc_est_t *est, const kc_acq_work_t *w)
 {
     const uint64_t n = w->n;
-    const uint64_t jacobian = kc_model_cost(est->arm, est->terms, est->coef, true) + 4000u + 100u * n;
+    const uint64_t jacobian = kc_model_cost(est->arm, est->terms, est->coef, true) + 2000u + 130u * n;
     switch (w->phase) {
     case INVERT: return 20000u + 3u * n * n * n;
     case WEIGH: return 20000u + 20u * n * n * n;
-    case GAIN: return jacobian + 5000u + (w->kind == KC_ACQ_VOPT ? 2u : 1u) * (200u * n + 14u * n * n);
+    case GAIN: return jacobian + 4000u + (w->kind == KC_ACQ_VOPT ? 2u : 1u) * (60u * n + 14u * n * n);
     default: return jacobian + 14u * n * n;
     }
 }

@@ -143,7 +143,7 @@ kc_status_t kc_est_covariance(kc_est_t *est)
 uint64_t kc_est_pose_cov_cost(const kc_est_t *est)
 {
     const uint64_t n = est->n_free;
-    return kc_model_cost(est->arm, est->terms, est->coef, true) + 5000u + 200u * n + 14u * n * n;
+    return kc_model_cost(est->arm, est->terms, est->coef, true) + 4000u + 60u * n + 14u * n * n;
 }
 
 void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36])

@@ -303,7 +303,7 @@ static void chosen_by_the_bounds(kc_status_t status, bool safe)
 {
     kc_arena_calibration_t *arena = &APP->arena.calibration;
     memset(&arena->choice, 0, sizeof arena->choice);
-    arena->choice.part = 2u; /* INFORMATION */
+    arena->choice.part = 3u; /* INFORMATION */
     arena->choice.eligible[7] = 1u;
     kc_acq_begin(&(kc_acq_ask_t){.kind = KC_ACQ_COUNT}, &APP->est, &arena->acq);
     arena->acq.status = status;
