@@ -313,10 +313,10 @@ bench-samples: setup build ## held-out error against number of poses, for all ac
 	.venv/bin/python tests/bench/samples.py
 	.venv/bin/python tests/bench/samples.py --space tables/bin/space.tbl
 
-study: setup core messages .venv/.stamp-bench ## poses, seconds and joules until an arm is calibrated, by design (SEEDS, FIRST, DESIGNS, SCENARIOS, SET; WRITE=1 for docs/STUDY.md)
+study: setup core messages .venv/.stamp-bench ## poses, seconds and joules until an arm is calibrated, by design (SEEDS, FIRST, DESIGNS, SCENARIOS, SET, PIXELS=1; WRITE=1 for docs/STUDY.md)
 	.venv/bin/python tests/bench/study.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST)) \
 	    $(if $(DESIGNS),--designs $(DESIGNS)) $(if $(SCENARIOS),--scenarios $(SCENARIOS)) $(if $(SET),--set $(SET)) \
-	    $(if $(WRITE),--write)
+	    $(if $(PIXELS),--pixels) $(if $(WRITE),--write)
 
 blind: setup core ## sealed hidden effects: what the workbench finds, and whether its probabilities are honest
 	.venv/bin/python tests/bench/blind.py

@@ -4,10 +4,8 @@
 
 Each run is a calibration by kincal.run.inprocess.simulate of an arm with errors inside the bounds of
 tables/src/space.toml (run 0: the paper's set; the others: all 28 even between half their bounds). Frames
-are drawn by the simulator's camera about the tags only (Camera.render_tags), compressed, and given to the
-tag detector, one process for all runs. With --frames measured (the default) frames that only aim or servo
-take the detections of fast mode: they are not measured. A scene that rests is drawn once; each frame has
-noise, compression and detection of its own.
+are drawn, compressed and detected (pixels.py), one process of the detector for all runs. With --frames
+measured (the default) frames that only aim or search take the detections of fast mode.
 
 The simulated camera has no lens error, stands where CAMERA says, and its tags have exactly the printed size.
 So CONFIG's floor of a measurement's sigma (sigma_pos_min_m, sigma_rot_min_rad) and CAMERA's stated errors are
@@ -24,17 +22,14 @@ import argparse
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 from scipy.stats import chi2  # noqa: E402
 
@@ -42,82 +37,16 @@ ROOT = Path(__file__).resolve().parents[2]
 
 import missions  # noqa: E402
 from montecarlo import bounds, coefficient_errors, paper  # noqa: E402
+from pixels import Detector, DrawnImager  # noqa: E402
 
-import kcm  # noqa: E402
-from kincal.flight import library  # noqa: E402
 from kincal.flight import tables as codec  # noqa: E402
 from kincal.run.inprocess import TABLES, Setup, Tick, simulate  # noqa: E402
-from kincal_sim.randomness import generator  # noqa: E402
-from kincal_sim.scenario import ArmTruth, Scenario, load  # noqa: E402
-from kincal_sim.vision.camera import Camera, TagsRadiance, load_config  # noqa: E402
-from kincal_sim.vision.imagers import Imager, fast_imager  # noqa: E402
-from kincal_sim.world import World  # noqa: E402
+from kincal_sim.scenario import ArmTruth, load  # noqa: E402
 
-TAGDET = ROOT / "build" / "kincal-tagdet"
-CONFIG = ROOT / "sim" / "models" / "detector.yml"
-MEASURE = library("flight").constant("KC_ST_MEASURE")
-JPEG_QUALITY = 75  # what whole frames of this scene end up with
 CHAIN_SIGMAS = (
     *("mast_sigma_m", "mast_sigma_rad", "zero_sigma_rad", "axis_sigma_rad", "tag_size_sigma"),
     *("plate_sigma_m", "plate_sigma_rad", "drift_sigma_m_s", "drift_sigma_rad_s"),
 )
-
-
-class Detector:
-    """The tag detector as one process: a JPEG in, the fields of a detection out."""
-
-    def __init__(self, folder: Path):
-        self._image = folder / "frame.jpg"
-        command = [str(TAGDET), "--config", str(CONFIG), "--image", "-"]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-
-    def detect(self, jpeg: bytes) -> dict:
-        """What the detector prints about an image."""
-        self._image.write_bytes(jpeg)
-        print(self._image, file=self._process.stdin, flush=True)
-        return json.loads(self._process.stdout.readline())
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.stdin.close()
-        self._process.wait()
-
-
-class DrawnImager:
-    """Draws a frame, compresses it and has it detected; `drawn` says which, others are of fast mode."""
-
-    def __init__(self, detector: Detector, drawn: Callable[[], bool]):
-        self.detector, self.drawn = detector, drawn
-        self.n_drawn = 0
-        self._scene: tuple[bytes, TagsRadiance | None] = (b"", None)
-
-    def make(self, scenario: Scenario, arm, seed: int) -> Imager:
-        """As the functions of kincal_sim.vision.imagers."""
-        config = load_config(arm.spec, optics=scenario.optics.changes())
-        camera = Camera(config, arm.model)
-        rng, fast = generator(seed, "camera"), fast_imager(scenario, arm, seed)
-
-        def expose(exposure):
-            if not self.drawn():
-                return fast.expose(exposure)
-            self.n_drawn += 1
-            key = exposure.T_base_cam.tobytes() + exposure.T_base_tool.tobytes()
-            if self._scene[0] != key:
-                self._scene = key, camera.tags_radiance(arm.data, exposure.T_base_cam, exposure.T_base_tool)
-            image = camera.expose_tags(self._scene[1], rng)
-            _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-            return message(self.detector.detect(jpeg.tobytes()), exposure)
-
-        return Imager("KC_DETECTION", expose)
-
-
-def message(fields: dict, exposure) -> kcm.detection_t:
-    """A detection as the detector would publish it."""
-    m = kcm.detection_t()
-    for name in (set(m.__slots__) & set(fields)) - {"t_us", "seq"}:
-        setattr(m, name, fields[name])
-    m.t_us, m.seq = exposure.t_us, exposure.seq
-    return m
 
 
 def exact_tables(folder: Path) -> Path:
@@ -142,16 +71,16 @@ def truth(seed: int, run: int) -> dict[str, float]:
     return {name: float(rng.uniform(-0.5, 0.5) * bound) for name, bound in bounds().items()}
 
 
-def fly(run: int, seed: int, imager: DrawnImager, state: list[int], tables: Path) -> dict:
-    """One calibration; state[0] is flight's, for the imager."""
+def fly(run: int, seed: int, imager: DrawnImager, tables: Path) -> dict:
+    """One calibration."""
     errors, before = truth(seed, run), imager.n_drawn
     scenario = load("paper").model_copy(update={"arm": ArmTruth(errors=errors)})
 
     def each_tick(tick: Tick) -> bool:
-        state[0] = tick.state
+        imager.see(tick)
         return True
 
-    setup = Setup(tables=tables, world=lambda s, n: World(s, n, imager.make))
+    setup = Setup(tables=tables, world=imager.world)
     begun = time.process_time()
     flown = simulate(scenario, 1000 * seed + run, setup, each_tick=each_tick)
     proposal = flown.log.last_session.proposal
@@ -198,11 +127,11 @@ def main(argv: list[str] | None = None) -> int:
     o = p.parse_args(argv)
     lines = [json.loads(x) for x in o.out.read_text().splitlines()] if o.out.exists() else []
     with tempfile.TemporaryDirectory() as folder:
-        detector, state = Detector(Path(folder)), [0]
-        imager = DrawnImager(detector, lambda: o.frames == "all" or state[0] == MEASURE)
+        detector = Detector(Path(folder))
+        imager = DrawnImager(detector, o.frames == "all")
         tables = TABLES if o.floor else exact_tables(Path(folder))
         for run in sorted(set(range(o.runs)) - {line["run"] for line in lines}):
-            lines.append(fly(run, o.seed, imager, state, tables))
+            lines.append(fly(run, o.seed, imager, tables))
             with o.out.open("a") as f:
                 print(json.dumps(lines[-1]), file=f)
             print(f"run {run}: {lines[-1]}", file=sys.stderr, flush=True)

@@ -1,13 +1,14 @@
 """How many poses, seconds and joules does a calibration take, by each way of choosing its poses?
 
     python tests/bench/study.py [--designs ucb dopt ...] [--scenarios paper ...] [--seeds 40] [--first 1]
-                                [--jobs 2] [--set FIELD=VALUE ...] [--out FILE] [--write]
+                                [--jobs 2] [--set FIELD=VALUE ...] [--pixels] [--out FILE] [--write]
 
 A design is an acquisition with settings of CONFIG (DESIGNS, below). Each is flown in each scenario with each
 seed by kincal.run.inprocess.simulate, from START to the proposal: flight core, the shipped tables, the
 simulator in fast mode. One line per run goes to FILE at once; a second start continues it. --set changes
-fields of CONFIG in all designs (est.rank_tol=1e-5 for a nested one). --write puts tables into docs/STUDY.md
-and figures into docs/img. Designs of other makers fly nothing: study_outside.py.
+fields of CONFIG in all designs (est.rank_tol=1e-5 for a nested one). --pixels draws, compresses and detects
+the frames that are measured (pixels.py). --write puts tables into docs/STUDY.md and figures into docs/img.
+Designs of other makers fly nothing: study_outside.py.
 
 Scenarios
 - paper: the errors of the paper's simulation
@@ -32,10 +33,11 @@ import argparse
 import os
 import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +47,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import missions  # noqa: E402
 import montecarlo  # noqa: E402
 import numpy as np  # noqa: E402
+import pixels  # noqa: E402
 import resumable  # noqa: E402
 import study_outside  # noqa: E402
 import study_report  # noqa: E402
@@ -335,11 +338,11 @@ class Witness:
         self.entries.append({k: rounded(v) for k, v in entry.items()})
 
 
-def one(job: Job) -> Line:
+def one(job: Job, drawn: bool = False) -> Line:
     """A calibration, as a line of the file of runs."""
     design, settings, scenario, seed = job
     begun = time.process_time()
-    found = outside(job) if design in OUTSIDE else fly(job)
+    found = outside(job) if design in OUTSIDE else fly(job, drawn)
     which = {"design": design, "settings": settings, "scenario": scenario, "seed": seed}
     return which | found | {"cpu_s": round(time.process_time() - begun, 2)}
 
@@ -364,13 +367,20 @@ def rounded(value: Any) -> Any:
     return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
-def fly(job: Job) -> Line:
-    """A calibration by flight."""
+def fly(job: Job, drawn: bool) -> Line:
+    """A calibration by flight; drawn: through pixels."""
     name, settings, scenario_name, seed = job
     scenario = scenario_of(scenario_name, seed)
     witness = Witness(scenario, seed)
     setup = Setup(tables=tables_of(scenario_name, settings), acquisition=DESIGNS[name].acquisition)
-    run = simulate(scenario, seed, setup, each_tick=witness.see)
+    if drawn:
+        setup = replace(setup, world=imager().world)
+
+    def each_tick(tick: Tick) -> bool:
+        imager().see(tick)
+        return witness.see(tick)
+
+    run = simulate(scenario, seed, setup, each_tick=each_tick if drawn else witness.see)
     if not witness.end:
         witness.finish(f"no end: {run.record.get('reason', 'out of time')}", witness.before)
     return {
@@ -379,6 +389,12 @@ def fly(job: Job) -> Line:
         "columns": {key: [e.get(key) for e in witness.entries] for key in COLUMNS},
         "contacts": run.contacts,
     }
+
+
+@cache
+def imager() -> pixels.DrawnImager:
+    """With a detector of its own for each process of the pool."""
+    return pixels.DrawnImager(pixels.Detector(Path(tempfile.mkdtemp())))
 
 
 VERDICTS = ("no change", "change", "poor")  # of proposal_t
@@ -434,6 +450,7 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     p.add_argument("--first", type=int, default=1, help="first seed")
     p.add_argument("--jobs", type=int, default=2, help="processes")
     p.add_argument("--set", nargs="+", default=[], metavar="FIELD=VALUE", help="of CONFIG, in all designs")
+    p.add_argument("--pixels", action="store_true", help="frames that are measured are drawn and detected")
     p.add_argument("--write", action="store_true", help="tables into docs/STUDY.md, figures into docs/img")
     p.add_argument("--figures", type=Path, metavar="FOLDER", help="figures only, into a folder")
     p.add_argument("--out", type=Path, default=ROOT / "build" / "study.jsonl")
@@ -445,7 +462,7 @@ def main(argv: list[str] | None = None) -> int:
     other tables, a setting is no field of CONFIG, or figaroh is missing."""
     o = options(argv)
     try:
-        known = resumable.read(o.out, resumable.header(TABLES))
+        known = resumable.read(o.out, resumable.header(TABLES, **({"pixels": True} if o.pixels else {})))
     except resumable.OtherRuns as e:
         print(e, file=sys.stderr)
         return 2
@@ -457,7 +474,7 @@ def main(argv: list[str] | None = None) -> int:
     except ImportError as e:
         print(f"{e}: make .venv/.stamp-bench installs it; or name other --designs", file=sys.stderr)
         return 2
-    lines = resumable.run_all(one, jobs_of(o), o.out, known, key_of, o.jobs)
+    lines = resumable.run_all(partial(one, drawn=o.pixels), jobs_of(o), o.out, known, key_of, o.jobs)
     study = study_of(lines)
     print_summary(study)
     if o.write:
