@@ -1,6 +1,6 @@
 """How fast is KinCal against other software that does the same?
 
-    python tests/bench/bench.py [--only PART ...] [--problems 40] [--write]
+    python tests/bench/bench.py [--only PART ...] [--problems 20] [--write]
 
 Parts, each measured by all programs in turn, in one run, in one thread:
 
@@ -104,7 +104,10 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     p.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
     p.add_argument("--problems", type=int, default=20, help="QPs of each kind")
     p.add_argument("--write", action="store_true", help="docs/BENCHMARKS.md and its figures")
-    return p.parse_args(argv)
+    o = p.parse_args(argv)
+    if o.problems < 1:
+        p.error(f"argument --problems: is {o.problems}, must be 1 or more")
+    return o
 
 
 def main(argv: list[str] | None = None) -> int:
