@@ -56,6 +56,7 @@ class DrawnImager:
         self.detector, self.every = detector, every
         self.n_drawn = 0
         self._state = 0
+        self._camera: Camera | None = None
         self._scene: tuple[bytes, TagsRadiance | None] = (b"", None)
 
     def see(self, tick: Tick) -> None:
@@ -69,7 +70,9 @@ class DrawnImager:
     def make(self, scenario: Scenario, arm, seed: int) -> Imager:
         """As the functions of kincal_sim.vision.imagers."""
         config = load_config(arm.spec, optics=scenario.optics.changes())
-        camera = Camera(config, arm.model)
+        if self._camera is not None:
+            self._camera.close()  # of the run before: it holds a GL context
+        self._camera = camera = Camera(config, arm.model)
         rng, fast = generator(seed, "camera"), fast_imager(scenario, arm, seed)
 
         def expose(exposure):
