@@ -14,6 +14,7 @@ import kcm
 from kincal import review
 from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED
+from kincal.flight import tables as codec
 from kincal.link import LogEvent, LogSummary, Session
 from kincal.link.names import VERDICTS
 from kincal.review import decisions, journal
@@ -155,6 +156,57 @@ def test_a_threshold_is_kept_up_to_its_value(good, key, limit, beyond):
         "cond",
         "n_outliers",
     }
+
+
+def tables_that_stop(folder, **changes):
+    """Folder with a CONFIG table that ends a calibration when it is good enough."""
+    _, config = codec.decode_as("config", (BIN / "config.tbl").read_bytes())
+    config.stop_pos_m = 0.002
+    for name, value in changes.items():
+        setattr(config, name, value)
+    (folder / "config.tbl").write_bytes(codec.encode("config", config).data)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("changes", "tested_early", "text", "kept_up_to"),
+    [
+        ({}, True, "at most 0.005 for a change", 0.005),
+        ({}, False, "at most 0.01 for a change (0.005 if it was tested before)", 0.01),
+        ({"no_change_power": 0.0}, True, "at most 0.01 for a change", 0.01),
+        ({"stop_pos_m": 0.0}, False, "at most 0.01 for a change", 0.01),
+    ],
+)
+def test_a_table_that_is_tested_before_the_end_is_tested_at_half_its_level(
+    tmp_path, good, changes, tested_early, text, kept_up_to
+):
+    """The review asked for the whole level, and called a change right that flight had refused."""
+    limits = read_limits(tables_that_stop(tmp_path, **changes))
+    r = replace(good, tested_early=tested_early)
+    for p, kept in ((kept_up_to, True), (1.01 * kept_up_to, False)):
+        asked = thresholds(with_numbers(r, p_no_change=p), limits)["p_no_change"]
+        assert (asked.text, asked.kept) == (text, kept)
+
+
+def test_an_end_says_whether_the_table_in_force_was_tested_before(names):
+    p = proposal()
+    for ended, expected in ((1, True), (2, True), (3, False), (0, False)):
+        p.ended = ended
+        assert review.from_message(p, names).tested_early is expected
+
+
+def test_an_accuracy_that_a_poor_fit_states_is_not_reached(names):
+    """A calibration of one joint ended by its bound with a fit that was poor, and the review said only that
+    the required accuracy was reached."""
+    p = proposal()
+    said = {}
+    for verdict in (p.CHANGE, p.POOR):
+        p.verdict = verdict
+        said[verdict] = review.from_message(p, names).ended
+    assert said[p.CHANGE] == "the required accuracy is reached at the required confidence"
+    assert said[p.POOR] == said[p.CHANGE] + " by a fit that is poor: its accuracy does not count"
+    p.ended = 3
+    assert review.from_message(p, names).ended == "all requested poses are measured"
 
 
 def test_where_nothing_changes_any_chance_of_that_is_right(good):

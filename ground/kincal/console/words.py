@@ -236,7 +236,7 @@ def proposal(m: Proposal) -> Plain:
         "session": m.session,
         "verdict": names.verdict_name(m.verdict),
         "poses": m.n_poses,
-        "ended": names.ended_text(m.ended),
+        "ended": names.ended_text(m.ended, m.verdict),
         "outliers": m.n_outliers,
         "before_mm": finite(m.before_pos_m * 1e3),
         "fit_mm": finite(m.fit_pos_m * 1e3),

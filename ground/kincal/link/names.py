@@ -40,10 +40,21 @@ def frame_name(number: int) -> str:
     return _name("kc_right_in_t", "KC_RIGHT_IN_", number).lower()
 
 
-def ended_text(number: int) -> str:
-    """Why a calibration stopped measuring, as a sentence without its full stop; "" if flight did not say."""
+def ended_text(number: int, verdict: int | None = None) -> str:
+    """Why a calibration stopped measuring, as a sentence without its full stop; "" if flight did not say.
+    verdict: of the same proposal; an accuracy that a poor fit states is not reached."""
     flight = library("flight")
-    return flight.text(flight.lib.kc_ended_text(number))
+    text = flight.text(flight.lib.kc_ended_text(number))
+    if number == flight.lib.KC_ENDED_REQUIREMENT and verdict == flight.lib.KC_VERDICT_POOR:
+        return f"{text} by a fit that is poor: its accuracy does not count"
+    return text
+
+
+def tested_early(number: int) -> bool:
+    """Whether a calibration that ended so has tested the table in force before its end, each time at half of
+    no_change_p; other ends leave it open."""
+    lib = library("flight").lib
+    return number in (lib.KC_ENDED_REQUIREMENT, lib.KC_ENDED_NO_CHANGE)
 
 
 def coef_status_name(number: int) -> str:

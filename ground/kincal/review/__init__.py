@@ -16,7 +16,14 @@ import numpy as np
 from kincal.flight import Terms, library
 from kincal.flight.tables import decode_as, encode
 from kincal.link import estimated_sigma, read_log, unpack_covariance, unsigned32
-from kincal.link.names import VERDICTS, coef_status_name, ended_text, frame_name, verdict_name
+from kincal.link.names import (
+    VERDICTS,
+    coef_status_name,
+    ended_text,
+    frame_name,
+    tested_early,
+    verdict_name,
+)
 from kincal.tables import unit_of
 from kincal_shared.errors import BadInput
 from kincal_shared.keys import Key, Signer
@@ -68,6 +75,7 @@ class Review:
     numbers: dict[str, float]
     crc_before: int
     ended: str  # why the calibration stopped measuring; "" if flight did not say
+    tested_early: bool  # its end says that the table in force may have been tested twice
 
     @property
     def crc_text(self) -> str:
@@ -158,7 +166,8 @@ def from_message(p: Any, names: list[str]) -> Review:
         cov[np.ix_(on, on)] / np.outer(d, d),
         {key: getattr(p, key) for key, _u, _t in NUMBERS},
         unsigned32(p.crc_kin_before),
-        ended_text(p.ended),
+        ended_text(p.ended, p.verdict),
+        tested_early(p.ended),
     )
 
 

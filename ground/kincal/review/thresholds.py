@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from kincal.flight import library
 from kincal.flight.tables import decode_as
 
 from . import P_FIT_MIN, Review
@@ -13,10 +14,11 @@ from . import P_FIT_MIN, Review
 @dataclass(frozen=True)
 class Limits:
     """What the configuration table asks of a correction. no_change_p: chance above which nothing is
-    proposed; rank_tol: least relative size of a direction that counts; outlier_max: poses that may be
-    rejected."""
+    proposed; early_p: the same where the table in force is tested before the end too (no_change_p if it never
+    is); rank_tol: least relative size of a direction that counts; outlier_max: poses that may be rejected."""
 
     no_change_p: float
+    early_p: float
     rank_tol: float
     outlier_max: int
 
@@ -35,7 +37,9 @@ def read_limits(tables_dir: Path) -> Limits | None:
     if not file.is_file():
         return None
     _, c = decode_as("config", file.read_bytes(), str(file))
-    return Limits(c.no_change_p, c.est.rank_tol, c.est.outlier_max)
+    lib = library("flight").lib
+    early = c.no_change_power > 0.0 and bool(lib.kc_fit_required(c))
+    return Limits(c.no_change_p, lib.kc_verdict_level(c, early), c.est.rank_tol, c.est.outlier_max)
 
 
 def thresholds(review: Review, limits: Limits | None) -> dict[str, Threshold]:
@@ -56,9 +60,12 @@ def thresholds(review: Review, limits: Limits | None) -> dict[str, Threshold]:
 
 def _configured(review: Review, limits: Limits) -> dict[str, Threshold]:
     k, change = review.numbers, review.changes_something
-    most, widest = limits.no_change_p, 1.0 / limits.rank_tol
+    most, widest = limits.early_p if review.tested_early else limits.no_change_p, 1.0 / limits.rank_tol
+    early = f" ({limits.early_p:g} if it was tested before)" if limits.early_p < most else ""
     return {
-        "p_no_change": Threshold(f"at most {most:g} for a change", k["p_no_change"] <= most or not change),
+        "p_no_change": Threshold(
+            f"at most {most:g} for a change{early}", k["p_no_change"] <= most or not change
+        ),
         "cond": Threshold(f"at most {widest:g}", k["cond"] <= widest),
         "n_outliers": Threshold(
             f"fewer than {limits.outlier_max}, the most that flight rejects",

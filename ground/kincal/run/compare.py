@@ -87,7 +87,7 @@ def _with_proposal(result: RunResult, done: Finished) -> RunResult:
         p_fit=p.p_fit,
         p_no_change=p.p_no_change,
         noise_scale=p.noise_scale,
-        ended=names.ended_text(p.ended),
+        ended=names.ended_text(p.ended, p.verdict),
     )
 
 
