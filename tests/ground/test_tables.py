@@ -194,6 +194,19 @@ def test_more_than_one_problem_of_an_image_is_counted(tmp_path):
     assert "TBL_BAD_TOTAL" in str(error.value)
 
 
+def test_a_refused_number_leads_to_the_page_that_names_its_field(tmp_path):
+    """Nobody knows from "field 82" alone that stop_confidence is meant."""
+    path = changed(tmp_path, "config", "stop_confidence = 0.9", "stop_confidence = 1.0")
+    with pytest.raises(BadInput, match="field 82: value 1 is not allowed") as error:
+        tables.build(path)
+    assert error.value.todo == "docs/TABLES.md has the fields of CONFIG by their numbers, with their limits"
+    page = (SRC.parents[1] / "docs" / "TABLES.md").read_text().split("### 7 CONFIG")[1]
+    assert "| 82 | stop_confidence |" in page
+    with pytest.raises(BadInput) as error:
+        codec.decode(b"KCT1" + bytes(12))
+    assert "docs/TABLES.md" not in error.value.todo
+
+
 def test_space_source_is_left_to_kincal_space():
     with pytest.raises(BadInput, match="not built like other tables") as error:
         tables.build(SRC / "space.toml")

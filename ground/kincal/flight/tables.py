@@ -272,6 +272,9 @@ def decode(data: bytes, where: str = "") -> tuple[Image, Table]:
         raise BadInput(
             f"{image.kind} table refused: {status_name(status)}" + "".join(f"\n    {line}" for line in why),
             where,
+            f"docs/TABLES.md has the fields of {image.kind.upper()} by their numbers, with their limits"
+            if any("field" in line for line in why)
+            else "",
         )
     return image, struct
 
