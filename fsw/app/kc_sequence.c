@@ -236,6 +236,18 @@ static void replace_extra(kc_app_t *app)
     app->est.n_obs--;
 }
 
+/* Observations on the way to a pose that will not be measured: the estimate does not have them, and what is stated about
+ * it is computed from those that it has. */
+static void drop_unfinished(kc_app_t *app)
+{
+    const kc_plan_t *plan = &app->plan;
+    const uint32_t used = plan->obs_of[plan->n_meas - 1u] + 1u; /* without a pose there is nothing to propose */
+    while (plan->n_obs > used) {
+        kc_plan_drop_extra(&app->plan);
+        app->est.n_obs--;
+    }
+}
+
 /* The frame in which OBSERVE found the tags is the first one of what is measured there, unless something moved while it
  * was taken. */
 static void keep_frame(kc_app_t *app)
@@ -256,6 +268,7 @@ static void leave(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *out
     if (app->place.state == KC_ST_OBSERVE) { replace_extra(app); }
     if (oc.id == KC_OC_DISTURBED) { kc_request_drop(&app->request); }
     if (oc.id == KC_OC_SKIP) { kc_select_skip(&app->plan, &app->view, out); }
+    if (oc.id == KC_OC_FINISH) { drop_unfinished(app); }
     if (oc.id == KC_OC_ABORT) { stop(app, work, out, oc.cause); }
 }
 

@@ -57,7 +57,7 @@ void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *view, cons
 /* Parts of a choice. LOCAL: among local initial poses, while the arm has not left the park pose; by the bounds, which is
  * what shows soonest that a suspicion is wrong. The others are looked at only once it may leave. CLEARANCE: of the pose
  * that INFORMATION would leave for. SUSPECTED: among those that INFORMATION found safe by the bounds, by the prior of the
- * suspects. */
+ * suspects: from the second pose away from the park pose on, since of the first one the clearance was checked. */
 enum { FRESH = 0, LOCAL, JOINTS, INFORMATION, CLEARANCE, SUSPECTED, ACQUIRED, CHOSEN };
 
 /* Joints expected at each candidate after the servo, and its cost: with large errors they are far from the seeds, and
@@ -227,7 +227,7 @@ static void leave(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena,
         choose(&arena->choice, acq->best);
         return;
     }
-    if (!by_suspects(cal, arena, view)) { acquired(cal, arena); }
+    acquired(cal, arena);
 }
 
 /* A part of the choice by information is over. */

@@ -416,9 +416,10 @@ static void decide(kc_learned_t *learned, const kc_evaluated_t *evaluated, const
                    const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
+    const kc_verdict_t verdict = kc_verdict(c, view->est, learned->status, &evaluated->fit, true);
     test_early(learned, evaluated, evaluation, view, out);
-    if (learned->n_checked >= c->stop_checks && kc_fit_meets(c, evaluated->bound) &&
-        settled(learned, evaluated, c)) {
+    if (verdict != KC_VERDICT_POOR && learned->n_checked >= c->stop_checks &&
+        kc_fit_meets(c, evaluated->bound) && settled(learned, evaluated, c)) {
         learned->tested_early = c->no_change_power > 0.0;
         kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, evaluated->bound.pos_m, c->stop_pos_m);
         learned->ended = KC_ENDED_REQUIREMENT;

@@ -117,6 +117,9 @@ static void walk_decisions(kc_walk_t *w, kc_config_t *c)
                  (double)c->signed_age_max_us);
 }
 
+/* A probability below one half would promise less than chance. */
+static bool none_or_half(double p) { return p <= 0.0 || p >= 0.5; }
+
 static void walk_poses(kc_walk_t *w, kc_config_t *c)
 {
     kc_walk_u8(w, 73u, &c->initial_design, KC_INITIAL_TABLE, KC_INITIAL_INFORMATION); /* kc_initial_t */
@@ -131,7 +134,8 @@ static void walk_poses(kc_walk_t *w, kc_config_t *c)
     kc_walk_u8(w, 79u, &c->rate_measure, KC_ACQ_DOPT, KC_ACQ_VOPT); /* kc_acq_t */
     kc_walk_u8(w, 80u, &c->rate_cost, KC_COST_TIME, KC_COST_ENERGY); /* kc_cost_t */
     kc_walk_f64(w, 81u, &c->frame_s, 0.0, 3600.0);
-    kc_walk_f64(w, 82u, &c->stop_confidence, 0.0, 0.9999); /* 0 = RMS */
+    kc_walk_f64(w, 82u, &c->stop_confidence, 0.0, 0.9999); /* 0 = RMS; else at least 0.5 */
+    kc_walk_rule(w, 82u, none_or_half(c->stop_confidence), c->stop_confidence);
     kc_walk_u32(w, 83u, &c->stop_checks, 0u, KC_MEAS_MAX); /* 0 = not checked */
 }
 
@@ -164,8 +168,9 @@ static void walk_added(kc_walk_t *w, kc_config_t *c)
     if (w->mode != KC_WALK_READ && standard(c)) { return; }
     /* least sigma of what the monitor does not suspect, part of the coefficient's scale */
     kc_walk_f64(w, 88u, &c->rest_part, 1e-6, 10.0);
-    /* power of the early test of the table in force; 0 = none before the end */
+    /* power of the early test of the table in force; 0 = none before the end, else at least 0.5 */
     kc_walk_f64(w, 89u, &c->no_change_power, 0.0, 0.9999);
+    kc_walk_rule(w, 89u, none_or_half(c->no_change_power), c->no_change_power);
     kc_walk_u8(w, 90u, &c->go_by_other_key, 0u, 1u); /* an image with 0.01, 0.99, 0 ends before these three */
     kc_walk_rule(w, 88u, w->mode != KC_WALK_READ || !standard(c), c->rest_part);
 }

@@ -328,8 +328,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "be meant: {want:joints}",                                                                             \
       "START with the suspects of the monitor (docs/STATES.md).")                                            \
     X(171, CAL_NO_SUSPECTS, ERROR,                                                                           \
-      "START refused: the monitor names no joint whose encoder offset would be estimated (named: "           \
-      "{got:joints})",                                                                                       \
+      "START refused: the monitor names no joint whose encoder offset would be estimated, or a START since " \
+      "has used it (named: {got:joints})",                                                                   \
       "START without suspects, or take observations until MON_SUSPECT or MON_SEVERAL.")                      \
     X(172, CAL_SUSPECTS, INFO,                                                                               \
       "the calibration starts from what the monitor suspects: joints {got:joints}; that may be meant: "      \

@@ -169,6 +169,25 @@ void test_nan_in_any_real_field_is_refused(void)
     }
 }
 
+void test_a_probability_that_promises_less_than_chance_is_refused(void)
+{
+    static const struct {
+        int32_t field;
+        double *at;
+    } half[] = {{82, &s_c.stop_confidence}, {89, &s_c.no_change_power}};
+    for (size_t i = 0u; i < 2u; i++) {
+        setUp();
+        *half[i].at = 0.4999;
+        expect_refused(half[i].field, 0.4999);
+        *half[i].at = 1e-4;
+        expect_refused(half[i].field, 1e-4);
+        *half[i].at = 0.5;
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_config_validate(&s_c, &s_index, &s_got));
+        *half[i].at = 0.0;
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_config_validate(&s_c, &s_index, &s_got));
+    }
+}
+
 void test_a_noise_floor_above_its_ceiling_is_refused(void)
 {
     s_c.sigma_pos_min_m = 2.0 * s_c.sigma_pos_max_m;

@@ -313,6 +313,27 @@ static void chosen_by_the_bounds(kc_status_t status, bool safe)
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, select_run().id);
 }
 
+/* Of the pose that the arm leaves the park pose for the clearance was checked: the suspects choose from the next on. */
+void test_suspects_are_not_asked_about_the_pose_that_the_arm_leaves_for(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
+    kc_arena_calibration_t *arena = &APP->arena.calibration;
+    APP->est.by_prior = 1u;
+    APP->est.prior_mean = APP->tables.active.kin.value;
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) { APP->est.prior_sigma[c] = 0.01; }
+    memset(&arena->choice, 0, sizeof arena->choice);
+    arena->choice.part = 4u; /* CLEARANCE */
+    arena->choice.initial = true;
+    arena->choice.eligible[7] = 1u;
+    kc_acq_begin(&(kc_acq_ask_t){.kind = KC_ACQ_COUNT}, &APP->est, &arena->acq);
+    arena->acq.status = KC_OK;
+    arena->acq.safe = true;
+    arena->acq.best = 5u;
+    TEST_ASSERT_EQUAL_INT(KC_OC_DONE, select_run().id);
+    TEST_ASSERT_EQUAL_INT(5, APP->cal.candidate);
+}
+
 void test_suspects_are_asked_only_about_what_is_safe_by_the_bounds(void)
 {
     world_started();

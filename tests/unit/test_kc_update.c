@@ -427,6 +427,29 @@ void test_an_arm_that_is_wrong_for_certain_ends_it_when_good_enough(void)
     TEST_ASSERT_TRUE(APP->learned.tested_early);
 }
 
+static void stated_ten_times_too_small(kc_detection_t *d)
+{
+    for (uint32_t i = 0u; i < sizeof d->cov / sizeof d->cov[0]; i++) { d->cov[i] *= 1e-2; }
+}
+
+/* Noise far above what is stated: a bound computed with it may be met, and still the model does not fit. */
+void test_a_poor_fit_does_not_end_it_as_good_enough(void)
+{
+    setUp();
+    world.spoil = stated_ten_times_too_small;
+    world.noise_m = 2e-3;
+    world.noise_rad = 8e-3;
+    world.config.frames_per_meas = 1u;
+    world.config.n_poses = 24u;
+    world.config.stop_pos_m = 0.05;
+    world.config.est.outlier_p = 0.0;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
+    TEST_ASSERT_TRUE(world.proposal.pred_pos_m < 0.05);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CONVERGED));
+}
+
 /* The same requirement at a confidence, or with poses in a row that were predicted so well, takes more poses. */
 void test_a_confidence_and_checks_take_more_poses(void)
 {
@@ -592,6 +615,30 @@ void test_extra_observations_are_in_the_estimate_but_no_poses(void)
     kc_acq_objective(dp, dr, 6u, world.config.a1, world.config.sp_floor_m, world.config.sq_floor_rad, y);
     TEST_ASSERT_EQUAL_DOUBLE_ARRAY(y, APP->learned.y, 6u);
     TEST_ASSERT_EQUAL_DOUBLE(APP->learned.f, world.progress[5].f);
+}
+
+/* What is stated about the estimate is computed from the observations that it has. */
+void test_extra_observations_of_a_pose_that_is_not_measured_do_not_count(void)
+{
+    uint32_t used = 0u;
+    given_extra_observations(24u);
+    world.config.servo.tol_rot_rad = 5e-4; /* there is always a servo step */
+    world.config.extra_pos_m = world.config.extra_rot_rad = 1e-6;
+    world.config.budget_us = 1000000000u;
+    world_started();
+    for (uint32_t i = 0u; i < 5000u && (APP->plan.n_meas < 12u || APP->plan.n_obs == used); i++) {
+        world_tick();
+        used = APP->plan.n_meas > 0u ? APP->plan.obs_of[APP->plan.n_meas - 1u] + 1u : 0u;
+    }
+    TEST_ASSERT_TRUE(APP->est.n_obs > used); /* one on the way to the next pose */
+    APP->tables.active.config.budget_us = 1u;
+    world_seal(KC_TBL_CONFIG);
+    for (uint32_t i = 0u; i < 50u && world.n_proposal == 0u; i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_TIME, world.proposal.ended);
+    TEST_ASSERT_EQUAL_UINT32(used, APP->est.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(used, APP->plan.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(6u * used - world.proposal.rank, world.proposal.dof);
+    TEST_ASSERT_TRUE(world.proposal.pred_pos_m < 2e-3 && world.proposal.p_fit > 1e-6);
 }
 
 void test_the_gaussian_process_learns_from_poses_alone(void)
