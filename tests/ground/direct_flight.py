@@ -48,6 +48,8 @@ class DirectFlight(CommandLink):
         a = kcm.ack_t()
         a.t_us, a.source, a.seq, a.opcode = self.hk.t_us, c.source, c.seq, c.opcode
         a.status, a.event_id = self.refuse.get(c.opcode, (0, 0))
+        if self.holds and c.opcode == c.TABLE_DUMP and c.arg_i[0] not in self.holds:
+            a.status, a.event_id = -8, 13
         self.waiting.append(Received("KC_ACK", a))
         if a.status or c.opcode in self.ignores:
             return

@@ -151,7 +151,7 @@ def show(
     reasons = reasons_to_reject(r)
     for line in warnings:
         what = "[red]reason to reject" if line in reasons else "[yellow]look at"
-        out.print(f"{what}: {escape(line)}[/]")
+        out.print(f"{what}: {escape(line)}[/]", soft_wrap=True)
     if not warnings:
         out.print("nothing stands out")
     if about.waits:
@@ -191,7 +191,7 @@ def what_changes(out: Console, c: Changes, confounded: Mapping[str, Sequence[str
     if c.undetermined:
         out.print(f"[yellow]not determined by these poses[/]: {escape(', '.join(c.undetermined))}")
     for reason in c.reasons:
-        out.print(f"[red]against it:[/] {escape(reason.text)}")
+        out.print(f"[red]against it:[/] {escape(reason.text)}", soft_wrap=True)
 
 
 def what_is_near(out: Console, found: Corrected | str, new: str = "proposed") -> None:
