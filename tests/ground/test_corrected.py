@@ -368,7 +368,7 @@ def test_what_was_not_recorded_is_asked_of_flight_with_the_tables_in_force(tmp_p
     for kind in ("camera", "space"):
         flight.holds[kinds()[kind]] = (BIN / f"{kind}.tbl").read_bytes()
     again = asked()
-    assert "read back from flight, as the folder has others" in again.corrected.tables
+    assert "read back from flight, which the folder does not have" in again.corrected.tables
     assert again.corrected.clear == found.corrected.clear
 
 

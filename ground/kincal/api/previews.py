@@ -185,7 +185,7 @@ def _gather(
             missing.append(f"{differ.get(kind, kind.upper())}, and it could not be read back: {error.what}")
     left = [kind.upper() for kind in corrected.KINDS if kind not in differ]
     said = [f"{', '.join(left)} of {tables_dir}"] if left else []
-    said += [f"{', '.join(came)} read back from flight, as the folder has others"] if came else []
+    said += [f"{', '.join(came)} read back from flight, which the folder does not have"] if came else []
     return "; ".join(said) or "no table", missing
 
 
