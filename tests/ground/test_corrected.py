@@ -28,6 +28,7 @@ from kincal.console.clearances import Clearances, Found
 from kincal.console.desk import Desk
 from kincal.console.geometry import Geometry
 from kincal.console.picture import Picture
+from kincal.console.shelf import Shelf
 from kincal.flight import Terms, library
 from kincal.flight.tables import decode, decode_as, kinds
 from kincal.pages import image
@@ -333,11 +334,31 @@ def test_the_preview_of_a_rollback_says_how_near_the_arm_comes(tmp_path, key_fil
     desk._values = lambda crc: KinValues(crc, tuple(nominal if crc == now.crc else back))
     page = desk.rollback_preview()
     assert page["against"] == [reason] and page["clearance"]["status"] == "done"
-    assert [s["title"] for s in page["near"]][0] == "Clearance with the new table"
+    assert [s["title"] for s in page["near"]][0] == "Clearance with the table before"
     other = previews.what_rolls_back(in_force(kin=now.crc, space=0x77), before.crc, BIN, places)
     assert other.corrected is None and "SPACE 00000077 is in force" in other.why_not
     other = previews.what_rolls_back(in_force(kin=now.crc, terms=0x77), before.crc, BIN, places)
     assert other.changes.rows[0].name.startswith("coef[")  # the names would be those of others
+
+
+def test_the_console_knows_the_table_before_also_when_another_one_is_in_force(tmp_path, key_file, too_near):
+    """The folder of the tables in force holds one kinematics table, and a rollback brings back another."""
+    _, p = too_near
+    picture, hk = Picture(Geometry(BIN)), kcm.hk_t()
+    crcs = in_force(kin=p.crc & 0xFFFFFFFF)
+    hk.table_crc = [signed(c) for c in crcs]
+    hk.kin_prev_crc = signed(in_force()[4])
+    picture.add("KC_HK", hk)
+    picture.add("KC_PROPOSAL", p)
+    desk = Desk("memq://", key_file, None, BIN, picture)
+    shelf = Shelf(BIN, tmp_path / "made", tmp_path / "read", desk)
+    desk.elsewhere = lambda: (shelf.folder, shelf.read)
+    shelf.adopt()
+    assert not (desk.tables_dir / "kin.tbl").exists()
+    assert "J7.phi_rad goes back by -82 deg" in desk.rollback_preview()["headline"]
+    picture.newest("KC_HK").kin_prev_crc = 0x77
+    with pytest.raises(BadInput, match="are not known to this console"):
+        desk.rollback_preview()
 
 
 def test_what_was_not_recorded_is_asked_of_flight_with_the_tables_in_force(tmp_path, key_file):

@@ -5,8 +5,10 @@ to the first was lost, is answered again and carried out once."""
 
 from __future__ import annotations
 
+import math
 import tempfile
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -48,6 +50,7 @@ from .picture import Picture
 _REMEMBERED = 500
 _ABORT_WAIT_S = 5.0
 _LISTEN_S = 3.0
+_LOOK_AGAIN_S = 20.0  # recordings are large
 Plain = dict[str, Any]
 
 
@@ -62,7 +65,8 @@ class Words:
 @dataclass
 class Desk:
     """url: of the network; key_file: that signs; journal: of decisions; picture: what is known of flight;
-    timeout_s: longest wait for an answer; clearances: of corrections, None: they are not computed."""
+    timeout_s: longest wait for an answer; clearances: of corrections, None: they are not computed; elsewhere:
+    where kinematics tables may lie besides `tables_dir`, which holds the one in force alone."""
 
     url: str
     key_file: Path | None
@@ -71,6 +75,9 @@ class Desk:
     picture: Picture
     timeout_s: float = 10.0
     clearances: Clearances | None = None
+    elsewhere: Callable[[], Sequence[Path]] = tuple
+    _values_by_crc: dict[int, changes.KinValues] = field(default_factory=dict)
+    _missed_s: dict[int, float] = field(default_factory=dict)  # when a table was looked for in vain
     _done: OrderedDict[str, Plain | KincalError] = field(default_factory=OrderedDict)
     _accepted: dict[int, int] = field(default_factory=dict)  # by key: highest counter that flight accepted
     missing: str = ""  # what `journal_missing` found
@@ -205,7 +212,7 @@ class Desk:
             "headline": found.changes.headline,
             "grid": plain_grid(grid),
             "against": [reason.text for reason in found.changes.reasons],
-            "near": [section(s) for s in review_pages.near(known or why, "rolled back")],
+            "near": [section(s) for s in review_pages.near(known or why, "rolled back", "the table before")],
             "clearance": clear.as_dict() if clear else None,
         }
 
@@ -240,11 +247,19 @@ class Desk:
             return residuals(log, found.session, before, after, flown, *out)
 
     def _values(self, crc: int) -> changes.KinValues | None:
-        """Values of a kinematics table, from the tables of the folder or the corrections that were heard."""
-        p = self.picture.proposal(crc_text(crc))
-        if p is None:
-            return changes.kin_values(crc, (self.tables_dir,))
-        return changes.KinValues(crc, tuple(p.value[: p.n_coef]), "heard")
+        """Values of a kinematics table, from the corrections that were heard, tables and recordings."""
+        if (p := self.picture.proposal(crc_text(crc))) is not None:
+            return changes.KinValues(crc, tuple(p.value[: p.n_coef]), "heard")
+        if crc in self._values_by_crc:
+            return self._values_by_crc[crc]
+        if time.monotonic() < self._missed_s.get(crc, -math.inf) + _LOOK_AGAIN_S:
+            return None
+        found = changes.kin_values(crc, (self.tables_dir, *self.elsewhere()))
+        if found is None:
+            self._missed_s[crc] = time.monotonic()
+        else:
+            self._values_by_crc[crc] = found
+        return found
 
     def command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
         """A signed command with its verifiers. CommandFailed, before it is sent, if flight would refuse it by

@@ -133,8 +133,8 @@ def _changes(c: Changes) -> list[Section]:
     return out
 
 
-def near(found: Corrected | str, new: str = "proposed") -> list[Section]:
-    """Clearance and reach with the new table, or why they are not known; new: what that table is."""
+def near(found: Corrected | str, new: str = "proposed", table: str = "the new table") -> list[Section]:
+    """Clearance and reach with the new table, or why they are not known; new, table: what that table is."""
     if isinstance(found, str):
         return [Section("clearance", "Clearance and reach", f"Not known: {found}")] if found else []
     rows: list[list[str | Cell]] = [
@@ -166,8 +166,8 @@ def near(found: Corrected | str, new: str = "proposed") -> list[Section]:
     ]
     reach = Grid.of(f"<poses|<which|in force|{new}|<lost", lost)
     return [
-        Section("clearance", "Clearance with the new table", f"{found.headline}.", grid=clear),
-        Section("reach", "Reach and view with the new table", grid=reach),
+        Section("clearance", f"Clearance with {table}", f"{found.headline}.", grid=clear),
+        Section("reach", f"Reach and view with {table}", grid=reach),
     ]
 
 

@@ -6,7 +6,7 @@ import { document_, grid } from "./document.js";
 import { question } from "./benchmore.js";
 import { ask, keep, kept, now_s, store, tell } from "./store.js";
 
-let parts = null, chosen = null, shown = null, stamp = {};
+let parts = null, chosen = null, shown = null, stamp = {}, rolling = false; // rolling: the middle shows a rollback
 
 export function open(root) {
   parts = {
@@ -18,6 +18,7 @@ export function open(root) {
   };
   stamp = {};
   shown = null;
+  rolling = false;
   show(root, el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "Inbox and journal" }, parts.inbox, parts.force, parts.journal), parts.review, parts.decide);
   update();
   if (chosen) load();
@@ -25,7 +26,7 @@ export function open(root) {
 }
 export function close() { parts = null; }
 export function at([crc]) {
-  if (crc) chosen = crc;
+  if (crc) { rolling &&= crc === chosen; chosen = crc; }
   else update();
   if (chosen && !shown) load(); // also when the view is opened again
   else if (crc && shown.crc !== crc) load();
@@ -74,24 +75,31 @@ function force() {
   const crc = hk?.tables.KIN;
   show(parts.force, el("h2", {}, "In force"), el("p", {}, "Kinematics table ", el("code", {}, crc || "unknown")),
     crc && store.about.live ? confirmed({
-      label: "Roll back …", act: "ROLLBACK", danger: true, path: "rollback", key: `rollback:${crc}`, body: () => ({ crc }), disabled: store.about.why_no_key, done: journal,
+      label: "Roll back …", act: "ROLLBACK", danger: true, path: "rollback", key: `rollback:${crc}`, body: () => ({ crc }), disabled: store.about.why_no_key, done: () => { rolledBack(); journal(); }, closing: rolledBack,
       text: () => `The table before ${crc} comes in force again, for every motion from then on. Flight refuses it while a calibration runs or if it has no table before this one.`,
       preview: rollbackPreview,
     }) : null);
 }
 
-// What changes back, at once; clearance and reach follow in the same place when they are computed.
+// What changes back, at once, in the middle; clearance and reach follow there when they are computed.
 async function rollbackPreview() {
   let found;
   try { found = await ask("rollback/preview"); } catch (error) { return [el("p", { class: "attention" }, `▲ No preview: ${error.message}`)]; }
-  const near = el("div", { class: "near" });
-  const draw = (now) => show(near,
-    now.against.length ? el("div", { class: "bad" }, el("p", {}, "◆ Against it:"), el("ul", {}, now.against.map((r) => el("li", {}, r)))) : null,
-    now.near.flatMap((s) => [el("h3", {}, s.title), s.text ? el("p", {}, s.text) : null, s.grid ? grid(s.grid) : null]),
-    computed(now.clearance, () => ask("rollback/preview"), (later) => later.clearance, draw));
+  const near = el("div"), against = el("div", { class: "bad" }), wait = el("div");
+  const draw = (now) => {
+    show(against, ...(now.against.length ? [el("p", {}, "◆ Against it:"), el("ul", {}, now.against.map((r) => el("li", {}, r)))] : []));
+    show(near, ...now.near.flatMap((s) => [el("h2", {}, s.title), s.text ? el("p", {}, s.text) : null, s.grid ? grid(s.grid) : null]));
+    show(wait, computed(now.clearance, () => ask("rollback/preview"), (later) => later.clearance, draw));
+  };
+  if (!parts) return [];
+  rolling = true;
+  show(parts.review, el("div", { class: "document" }, el("h1", {}, `Rollback of ${found.crc}`), el("p", { class: "sub" }, "what the table before changes back; nothing is sent yet"),
+    wait, el("h2", {}, "What changes back"), grid(found.grid), near));
+  parts.review.scrollTop = 0;
   draw(found);
-  return [el("p", {}, el("b", {}, "What changes back: "), `${found.headline}.`), grid(found.grid), near];
+  return [el("p", {}, el("b", {}, "What changes back: "), `${found.headline}. The values, clearance and reach stand beside.`), against];
 }
+function rolledBack() { rolling = false; load(); }
 
 let asked = 0;
 
@@ -128,12 +136,13 @@ async function load() {
   const top = shown?.crc === crc ? parts.review.scrollTop : 0;
   const page = document_(found.page);
   shown = { crc, found, page };
+  decide();
+  inbox();
+  if (rolling) return;
   show(parts.review, page.node);
   page.node.querySelector(".sub").after(...[question(crc), clearance(crc, found.clearance)].filter(Boolean));
   page.draw();
   parts.review.scrollTop = top;
-  decide();
-  inbox();
 }
 
 // Clearance and reach are computed by a process of the console; the page is drawn again when they are there.
