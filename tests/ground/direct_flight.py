@@ -12,13 +12,13 @@ from kincal.link.connection import Received
 class DirectFlight(CommandLink):
     """Answers each command at once, and says by housekeeping what came of it; when nothing is left to say,
     time passes. hk: the next housekeeping; refuse: opcodes that get this status and event; ignores: opcodes
-    without an effect; commands, chunks: what came."""
+    without an effect; holds: kind -> image, for a dump; commands, chunks: what came."""
 
     def __init__(self, signer=None, first_seq=None):
         super().__init__("direct", first_seq, signer)
         self.hk, self.now_s = kcm.hk_t(), 0.0
         self.hk.t_us = 5_000_000
-        self.refuse, self.ignores = {}, set()
+        self.refuse, self.ignores, self.holds = {}, set(), {}
         self.commands, self.chunks, self.waiting = [], [], deque()
 
     def waits(self, crc, verdict=kcm.proposal_t.CHANGE, state=9):
@@ -48,6 +48,8 @@ class DirectFlight(CommandLink):
         a = kcm.ack_t()
         a.t_us, a.source, a.seq, a.opcode = self.hk.t_us, c.source, c.seq, c.opcode
         a.status, a.event_id = self.refuse.get(c.opcode, (0, 0))
+        if self.holds and c.opcode == c.TABLE_DUMP and c.arg_i[0] not in self.holds:
+            a.status, a.event_id = -8, 13
         self.waiting.append(Received("KC_ACK", a))
         if a.status or c.opcode in self.ignores:
             return
@@ -57,5 +59,15 @@ class DirectFlight(CommandLink):
             self.hk.table_crc[4], self.hk.state, self.hk.proposal_crc = c.arg_i[0], 0, 0
         elif c.opcode == c.REJECT:
             self.hk.state, self.hk.proposal_crc = 0, 0
+        elif c.opcode == c.TABLE_DUMP and c.arg_i[0] in self.holds:
+            self.dump(c.arg_i[0], self.holds[c.arg_i[0]])
         elif c.opcode == c.TABLE_ACTIVATE:
             self.hk.table_crc[c.arg_i[0]] = c.arg_i[1]
+
+    def dump(self, kind, image):
+        for offset in range(0, len(image), 1024):
+            m = kcm.table_chunk_t()
+            m.kind, m.total_bytes, m.offset = kind, len(image), offset
+            part = image[offset : offset + 1024]
+            m.n, m.data = len(part), part.ljust(1024, b"\0")
+            self.answer("KC_TABLE_DOWN", m)

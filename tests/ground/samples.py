@@ -1,12 +1,16 @@
 """Made-up telemetry and results of the right shape, for tests without a flight process."""
 
+from pathlib import Path
+
 import lcm
 import numpy as np
 
 import kcm
+from kincal.flight.tables import decode
 from kincal.results import CoefResult, Criterion, Curve, HeldOut, PoseLine, RunResult, Scene
 from kincal.review import kin_crc
 
+TABLES = Path(__file__).resolve().parents[2] / "tables" / "bin"
 CRC = 0xFEDCBA98  # does not fit a signed field: must survive the trip
 NAMES = [f"J{j}.{k}" for j in range(1, 8) for k in ("phi_rad", "alpha_rad", "a_m", "d_m")]
 
@@ -65,6 +69,18 @@ def sealed(p: kcm.proposal_t) -> kcm.proposal_t:
         if wanted >> bit & 1:
             wanted, solution = wanted ^ effect, solution ^ cause
     p.crc_arm = signed(solution)
+    return p
+
+
+def shipped(p: kcm.proposal_t, values=None) -> kcm.proposal_t:
+    """The same as a correction of the tables as shipped: with their CRCs and its own. values: of its
+    coefficients, from the first."""
+    for kind in ("arm", "terms"):
+        image = decode((TABLES / f"{kind}.tbl").read_bytes())[0]
+        setattr(p, f"crc_{kind}", signed(image.crc))
+    if values is not None:
+        p.value = [*values, *[0.0] * (64 - len(values))]
+    p.crc = signed(kin_crc(p))
     return p
 
 

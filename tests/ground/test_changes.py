@@ -10,7 +10,7 @@ import pytest
 from samples import CRC, NAMES, proposal, sealed, write_log
 
 from kincal import review
-from kincal.api import reviews
+from kincal.api import previews
 from kincal.flight import Arm, library, tables
 from kincal.flight.tables import decode_as
 from kincal.pages import review as review_page
@@ -39,6 +39,11 @@ def kin_image(values, before=0):
     for i, value in enumerate(values):
         kin.value[i] = value
     return tables.encode("kin", kin)
+
+
+def in_force(kin):
+    """CRCs of the tables in force: only the kinematics table is known, so that no clearance is computed."""
+    return [0, 0, 1, 0, kin, 0, 0, 0]  # another CAMERA
 
 
 def row(found, name):
@@ -181,16 +186,18 @@ def test_a_rollback_is_shown_before_it_is_sent(tmp_path):
     for name, image in (("first", first), ("second", second)):
         (tmp_path / f"{name}.tbl").write_bytes(image.data)
     places = (tmp_path / "first.tbl", tmp_path / "second.tbl")
-    found = reviews.what_rolls_back(second.crc, first.crc, BIN, places)
+    back = previews.what_rolls_back(in_force(second.crc), first.crc, BIN, places)
+    found = back.changes
+    assert back.corrected is None and "CAMERA 00000001 is in force" in back.why_not
     assert [r.name for r in found.rows] == ["J7.phi_rad", "J1.phi_rad"]
     assert row(found, "J7.phi_rad").delta_text == f"{math.degrees(-1.3):+.3f} deg"
     assert found.headline.startswith("J7.phi_rad goes back by -74 deg; the tool moves by up to")
     with pytest.raises(BadInput, match=f"holds no table before {second.crc:08x} and refuses to roll back"):
-        reviews.what_rolls_back(second.crc, 0, BIN, places)
+        previews.what_rolls_back(in_force(second.crc), 0, BIN, places)
     with pytest.raises(BadInput, match=f"brings back {first.crc:08x}, whose values are in none"):
-        reviews.what_rolls_back(second.crc, first.crc, BIN, (tmp_path / "second.tbl",))
+        previews.what_rolls_back(in_force(second.crc), first.crc, BIN, (tmp_path / "second.tbl",))
     with pytest.raises(BadInput, match="are in none of the places"):
-        reviews.what_rolls_back(0x77, first.crc, BIN)
+        previews.what_rolls_back(in_force(0x77), first.crc, BIN)
 
 
 def test_a_rollback_goes_by_what_flight_holds_and_not_by_the_record_of_the_table(tmp_path):
@@ -200,7 +207,7 @@ def test_a_rollback_goes_by_what_flight_holds_and_not_by_the_record_of_the_table
     for name, image in (("held", held), ("uplinked", uplinked)):
         (tmp_path / f"{name}.tbl").write_bytes(image.data)
     places = (tmp_path / "held.tbl", tmp_path / "uplinked.tbl")
-    found = reviews.what_rolls_back(uplinked.crc, held.crc, BIN, places)
+    found = previews.what_rolls_back(in_force(uplinked.crc), held.crc, BIN, places).changes
     assert row(found, "J1.phi_rad").delta_text == f"{math.degrees(0.01):+.3f} deg"
 
 

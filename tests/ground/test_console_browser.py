@@ -65,6 +65,7 @@ class Served:
         desk = Desk(self.flight.url, self.flight.key_file, None, BIN, self.picture, 20.0, clearances)
         self.bench = Bench(self.folder / "bench")
         shelf = Shelf(BIN, self.folder / "made", self.folder / "read", desk)
+        desk.elsewhere = lambda: (BIN, shelf.read)
         self.spaces = Spaces(self.folder / "space", shelf, geometry)
         past = Past(
             self.flight.url, self.folder / "recordings", self.folder / "history", self.picture, shelf, desk
@@ -181,6 +182,10 @@ def test_a_calibration_is_reviewed_approved_in_two_steps_and_seen_in_force(brows
 
             page.get_by_role("button", name="Roll back").click()
             form = page.locator(".force form")
+            expect(form.locator(".preview")).to_contain_text("J7.phi_rad goes back by -74 deg")
+            if SHOTS:
+                expect(page.locator(".review")).to_contain_text("Clearance with the table before")
+                shot(page, "corrections-roll-back")
             form.locator("input[name=why]").fill("wrong arm")
             form.get_by_role("button", name="ROLLBACK").click()
             expect(page.locator(".force code")).not_to_have_text(crc)

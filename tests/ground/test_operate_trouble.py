@@ -284,6 +284,39 @@ def test_two_flights_or_a_recording_on_the_live_network_are_never_fresh(replayed
     assert snapshot.freshness("KC_HK", alone).status == operate.FRESH
 
 
+class Interleaved(DirectFlight):
+    """Two flights on one machine: one clock, the same number of starts; housekeeping of each in turn."""
+
+    def __init__(self, signer, numbers=(500, 20)):
+        super().__init__(signer)
+        self.seqs, self.turn = list(numbers), 0
+
+    def next(self, timeout_s):
+        if not self.waiting:
+            self.turn ^= 1
+            self.seqs[self.turn] += 1
+            self.hk.t_us, self.hk.seq = self.hk.t_us + 500_000, self.seqs[self.turn]
+        return super().next(timeout_s)
+
+
+@pytest.mark.parametrize("numbers", [(500, 20), (20, 20)])
+def test_two_flights_with_one_clock_are_told_by_the_numbers_of_their_messages(tmp_path, key_file, numbers):
+    """START went to both, and both moved the arm."""
+    flight = Interleaved(keys.signer_of(key_file), numbers)
+    who = Operator("A", "why", tmp_path / "journal.jsonl")
+    with pytest.raises(CommandFailed, match="START was not sent: two senders"):
+        operate.act(flight, operate.start(), who, operate.Snapshot(), lambda _step: None)
+    send = operate.verified(operate.Snapshot(), lambda _step: None)
+    with pytest.raises(CommandFailed, match="APPROVE_ARM was not sent: two senders"):
+        send(flight, "APPROVE_ARM", (1,), 5.0, lambda: None)
+    assert flight.commands == []
+    alone = DirectFlight(keys.signer_of(key_file))
+    assert (
+        operate.act(alone, operate.noop(), who, operate.Snapshot(), lambda _step: None).outcome
+        == operate.DONE
+    )
+
+
 def test_one_flight_that_starts_again_and_loses_its_clock_is_one():
     snapshot, now_s = heard((1000.0, 3, "IDLE"))
     for boot_count, t_s in ((4, 2000.0), (5, 10.0), (5, 11.0), (5, 12.0)):

@@ -203,7 +203,7 @@ def test_approval_is_two_commands_bound_to_the_crc_and_recorded(tmp_path, journa
         ("fedcba98", "A. Reviewer", 3, "change proposed")
     }
     assert all(e.numbers["p_fit"] == pytest.approx(0.57) and e.override == "" for e in entries)
-    assert entries[0].why.startswith("rank 27 of 28; held: J7.a_m; 33 of 300 candidates no longer reached")
+    assert entries[0].why.startswith("rank 27 of 28; held: J7.a_m; clearance and reach are not known")
     assert entries[1].why == "clean"
 
 

@@ -10,7 +10,7 @@ Objects of the workbench; `import kincal` gives these names too.
 
 Whole runs in simulation (`Request`, `Observer`, `calibrate`), logs (`read_log`), the live link (`Link`), and
 what commands do beyond one call into the library, by module: `case` and `models` (workbench), `tables`,
-`spaces`, `reviews`. Each is loaded when it is first used.
+`spaces`, `reviews`, `corrected`, `previews`. Each is loaded when it is first used.
 """
 
 from __future__ import annotations

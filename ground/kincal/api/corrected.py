@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from kincal.flight import Arm, Model, Observations
+from kincal.flight.tables import decode, kind_number
+from kincal.link import crc_text, unsigned32
 from kincal.review import Review
 from kincal.review.changes import Flown, KinValues, Reason, amount, padded
 from kincal.rotations import Floats
@@ -102,13 +104,14 @@ class Reach:
 
 @dataclass(frozen=True)
 class Corrected:
-    """space, description: that it was asked of; margin_m: what verified segments keep on arms with errors;
-    nominal_m: on the nominal arm; old_known: whether the table in force was at hand, if not it stands for the
-    nominal arm; left_out_m: how far the tool is moved by effects that are no DH errors, at most: these are
-    not in the numbers."""
+    """space, description: that it was asked of; tables: where they were found, in words; margin_m: what
+    verified segments keep on arms with errors; nominal_m: on the nominal arm; old_known: whether the table in
+    force was at hand, if not the nominal arm stands for it; left_out_m: how far the tool is moved by effects
+    that are no DH errors, at most: these are not in the numbers."""
 
     space: str
     description: str
+    tables: str
     margin_m: float
     nominal_m: float
     old_known: bool
@@ -131,24 +134,32 @@ class Corrected:
         return f"Clearance of {c.what}: {c.after.text}{where}, {was}; {'; '.join(lost) or 'no pose is lost'}"
 
     @property
+    def source(self) -> str:
+        """Where the numbers come from."""
+        return f"Computed with {self.tables}; shapes and steps of {self.description}."
+
+    @property
     def reasons(self) -> tuple[Reason, ...]:
-        """What speaks against the correction."""
+        """What speaks against the new table: an approval has to override it."""
         asked = f"at least {self.margin_m * 1e3:.0f} mm"
         near = [c for c in self.clear if _or_far(c.after.distance_m) < self.margin_m]
         return tuple(Reason(f"clearance of {c.what} ({c.after.where})", c.after.text, asked) for c in near)
 
     @property
+    def against(self) -> tuple[str, ...]:
+        """The reasons, in words."""
+        return tuple(reason.text for reason in self.reasons)
+
+    @property
     def look_at(self) -> tuple[str, ...]:
-        """What a reviewer has to know, in words."""
-        out = [reason.text for reason in self.reasons]
+        """What a reviewer has to know besides the reasons, in words."""
         lost = [r for r in self.reach if r.lost and r.asked]
-        out += [f"{len(r.lost)} of {r.of} {r.what} no longer {r.want}: {r.lost_text}" for r in lost]
-        return tuple(out)
+        return tuple(f"{len(r.lost)} of {r.of} {r.what} no longer {r.want}: {r.lost_text}" for r in lost)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the numbers do not say."""
-        out = []
+        out = [self.source]
         if not self.old_known:
             out.append("The table in force is not at hand: the nominal arm stands for it.")
         if self.left_out_m >= _LEFT_OUT_M:
@@ -160,7 +171,7 @@ class Corrected:
 
     def as_dict(self) -> Plain:
         """Plain data for --json and the console; `of_dict` makes it whole again."""
-        return asdict(self) | {"headline": self.headline, "reasons": [r.text for r in self.reasons]}
+        return asdict(self) | {"headline": self.headline, "reasons": list(self.against)}
 
     @classmethod
     def of_dict(cls, plain: Plain) -> Corrected:
@@ -188,45 +199,102 @@ def why_not(tables_dir: Path) -> str:
     return ""
 
 
+def in_force(table_crc: Sequence[int]) -> dict[str, int]:
+    """Kind -> CRC of the tables that clearance and reach depend on, by `table_crc` of KC_HK; 0: none."""
+    numbers = {kind: kind_number(kind) for kind in KINDS}
+    return {kind: unsigned32(table_crc[n]) for kind, n in numbers.items() if n < len(table_crc)}
+
+
+def misfits(tables_dir: Path, wanted: Mapping[str, int]) -> dict[str, str]:
+    """Kind -> how the table of a folder differs from the one that is wanted (a CRC, 0: not known), in words.
+    A table that is not there, or cannot be read, differs."""
+    out = {}
+    for kind, crc in wanted.items():
+        file = tables_dir / f"{kind}.tbl"
+        found = "none"
+        try:
+            if file.is_file():
+                image = decode(file.read_bytes(), str(file))[0]
+                found = image.crc_text if image.kind == kind else f"a {image.kind.upper()} table"
+        except (BadInput, OSError):
+            found = "one that cannot be read"
+        if crc and found != crc_text(crc):
+            out[kind] = f"{kind.upper()} {crc_text(crc)} is in force, {found} is here"
+    return out
+
+
+def require(tables_dir: Path, wanted: Mapping[str, int]) -> None:
+    """BadInput if the tables of a folder are not those that are wanted (see `misfits`)."""
+    if differ := misfits(tables_dir, wanted):
+        first = next(iter(differ))
+        raise BadInput(
+            f"the tables at hand are not those in force: {'; '.join(differ.values())}",
+            str(tables_dir),
+            f"--tables DIR with those in force; `kincal table dump {first} DIR/{first}.tbl` reads one back",
+        )
+
+
 def of_review(
     review: Review, old: KinValues | None, tables_dir: Path, description: Path | None = None,
-    progress: Progress = silent,
+    progress: Progress = silent, wanted: Mapping[str, int] = {},  # noqa: B006
 ) -> Corrected:  # fmt: skip
-    """Clearance and reach of a proposal. description: of the SPACE table, as default the one that ships.
-    BadInput if tables are missing or do not belong together."""
+    """Clearance and reach of a proposal. description: of the SPACE table, as default the one that ships;
+    wanted: CRCs of the tables that fly. BadInput if tables are missing, do not belong together or are
+    others."""
     after = tuple(c.value for c in review.coefs)
     before = None if old is None else old.values
-    return between(before, after, tables_dir, description, progress)
+    return between(before, after, tables_dir, description, progress, wanted)
 
 
 def between(
     before: Sequence[float] | None, after: Sequence[float], tables_dir: Path,
     description: Path | None = None, progress: Progress = silent,
+    wanted: Mapping[str, int] = {}, said: str = "",  # noqa: B006
 ) -> Corrected:  # fmt: skip
-    """From values of the coefficients to others, with the tables of a folder (see of_review). A process
-    computes it once."""
+    """From values of the coefficients to others, with the tables of a folder (see of_review); said: where
+    they come from, as default the folder. A process computes an arm once."""
     if why := why_not(tables_dir):
         raise BadInput(why)
-    file = description or description_of(tables_dir)
-    key = identity(before, after, tables_dir, file)
-    if key not in _computed:
-        _computed[key] = _compute(before, after, tables_dir, file, progress)
-        while len(_computed) > _REMEMBERED:
-            del _computed[next(iter(_computed))]
-    return _computed[key]
-
-
-_computed: dict[str, Corrected] = {}
+    require(tables_dir, wanted)
+    if not all(map(math.isfinite, (*(before or ()), *after))):
+        raise BadInput("a kinematics table has a value that is no finite number", todo="do not decide by it")
+    try:
+        file = description or description_of(tables_dir)
+        given = _Given(tables_dir, file)
+        total = sum(given.steps for values in (before, after) if (given.key, _dense(values)) not in _arms)
+        step = _Counted(progress, total)
+        arms = [_arm(given, _dense(values), step) for values in (before, after)]
+    except OSError as error:
+        raise BadInput(f"a file cannot be read: {error.strerror}", str(error.filename or "")) from None
+    now, then = arms
+    return Corrected(
+        given.space_crc, str(file), said or f"the tables of {tables_dir}", given.desc.clear.perturbed_m,
+        given.desc.clear.nominal_m, before is not None, max(now.left_out_m, then.left_out_m),
+        tuple(Clear(what, now.near[what], then.near[what]) for what in now.near),
+        tuple(dataclasses.replace(a, after=b.before) for a, b in zip(now.reach, then.reach, strict=True)),
+    )  # fmt: skip
 
 
 def identity(
     before: Sequence[float] | None, after: Sequence[float], tables_dir: Path, description: Path
 ) -> str:
     """What a result belongs to: values, tables and description, as a hash."""
-    out = hashlib.sha256(repr((None if before is None else tuple(before), tuple(after))).encode())
+    out = hashlib.sha256(repr((before is None, _dense(before), _dense(after))).encode())
+    return _hashed(out, tables_dir, description)
+
+
+def _hashed(out: Any, tables_dir: Path, description: Path) -> str:
     for file in (*(tables_dir / f"{kind}.tbl" for kind in KINDS), description):
         out.update(file.read_bytes())
-    return out.hexdigest()
+    return str(out.hexdigest())
+
+
+def _dense(values: Sequence[float] | None) -> tuple[float, ...]:
+    """Without zeros at the end: coefficients that are not given are 0."""
+    out = list(values or ())
+    while out and out[-1] == 0.0:
+        out.pop()
+    return tuple(out)
 
 
 def description_of(tables_dir: Path, more: Sequence[Path] = ()) -> Path:
@@ -248,64 +316,83 @@ def description_of(tables_dir: Path, more: Sequence[Path] = ()) -> Path:
     raise BadInput(why or "the description of the SPACE table is not at hand", str(tables_dir))
 
 
-def _compute(
-    before: Sequence[float] | None, after: Sequence[float], tables_dir: Path, description: Path,
-    progress: Progress,
-) -> Corrected:  # fmt: skip
-    from kincal import space
+class _Given:
+    """What clearance and reach are computed with: tables of a folder, description of their SPACE."""
 
-    given, desc = space.TablesFolder(tables_dir), space.read_description(description)
-    table, flown = given.space, Flown(tables_dir)
-    crc = space.SpaceTable.load(tables_dir / "space.tbl")[0].crc
-    _require_of(desc, table, given.arm_crc, description)
-    both = [_dh_errors(flown, () if values is None else values) for values in (before, after)]
-    arms = [space.CorrectedArm(desc, given.arm, given.camera, errors, HORIZON_M) for errors in both]
-    groups = list(_postures(desc, table))
-    total = sum(len(rows) for _, rows in groups) + 2 * len(table.q_rad)
-    done = 0
+    def __init__(self, tables_dir: Path, description: Path) -> None:
+        from kincal import space
 
-    def step(what: str) -> None:
-        nonlocal done
-        done += 1
-        if done % 50 == 0 or done == total:
-            progress(what, done, total)
+        self.key = _hashed(hashlib.sha256(), tables_dir, description)
+        self.tables, self.desc = space.TablesFolder(tables_dir), space.read_description(description)
+        self.space, self.flown = self.tables.space, Flown(tables_dir)
+        self.space_crc = f"{space.SpaceTable.load(tables_dir / 'space.tbl')[0].crc:08x}"
+        _require_of(self.desc, self.space, self.tables.arm_crc, description)
+        self.groups = list(_postures(self.desc, self.space))
+        self.steps = sum(len(rows) for _, rows in self.groups) + len(self.space.q_rad)
 
-    reach, joints = [], []
-    for arm in arms:
-        found, reached = _reached(arm, table, step)
-        reach.append(found)
-        joints.append(reached)
-    clear = []
-    for what, rows in groups:
-        near = [_Nearest(), _Nearest()]
-        for place, q in rows:
-            step("distances")
-            for arm, best in zip(arms, near, strict=True):
-                best.take(*arm.nearest(q), place)
-        clear.append(Clear(what, *(best.found for best in near)))
-    at_poses = [_Nearest(), _Nearest()]
-    for arm, rows, best in zip(arms, joints, at_poses, strict=True):
-        for place, q in rows:
-            best.take(*arm.nearest(q), place)
-    clear.insert(3, Clear("candidates, tool at its pose", *(best.found for best in at_poses)))
-    left_out = max(_left_out_m(flown, values or (), errors, table.q_rad)
-                   for values, errors in zip((before, after), both, strict=True))  # fmt: skip
-    return Corrected(
-        f"{crc:08x}", str(description), desc.clear.perturbed_m, desc.clear.nominal_m, before is not None,
-        left_out, tuple(clear),
-        tuple(dataclasses.replace(a, after=b.before) for a, b in zip(*reach, strict=True)),
-    )  # fmt: skip
+    def arm(self, errors: Mapping[str, float]) -> Any:
+        from kincal import space
+
+        return space.CorrectedArm(self.desc, self.tables.arm, self.tables.camera, dict(errors), HORIZON_M)
+
+
+@dataclass(frozen=True)
+class _Computed:
+    """One arm: where each group is nearest to something, what is not reached or shown (as `before`)."""
+
+    near: Mapping[str, Near]
+    reach: tuple[Reach, ...]
+    left_out_m: float
+
+
+_arms: dict[tuple[str, tuple[float, ...]], _Computed] = {}
 
 
 @dataclass
-class _Nearest:
-    """The least distance so far."""
+class _Counted:
+    """Says now and then how far the work has come."""
 
-    found: Near = Near()
+    progress: Progress
+    total: int
+    done: int = 0
 
-    def take(self, distance_m: float, pair: str, place: str) -> None:
-        if pair and distance_m < _or_far(self.found.distance_m):
-            self.found = Near(distance_m, pair, place)
+    def __call__(self, what: str) -> None:
+        self.done += 1
+        if self.done % 50 == 0 or self.done == self.total:
+            self.progress(what, self.done, self.total)
+
+
+def _arm(given: _Given, values: tuple[float, ...], step: Callable[[str], None]) -> _Computed:
+    """The arm as a kinematics table has it."""
+    if (given.key, values) not in _arms:
+        _arms[given.key, values] = _compute(given, values, step)
+        while len(_arms) > _REMEMBERED:
+            del _arms[next(iter(_arms))]
+    return _arms[given.key, values]
+
+
+def _compute(given: _Given, values: tuple[float, ...], step: Callable[[str], None]) -> _Computed:
+    errors = _dh_errors(given.flown, values)
+    arm = given.arm(errors)
+    reach, reached = _reached(arm, given.space, step)
+    near: dict[str, Near] = {}
+    for what, rows in given.groups:
+        near[what] = _nearest(arm, rows, step)
+        if what == "seeds of candidates":
+            near["candidates, tool at its pose"] = _nearest(arm, reached, lambda _what: None)
+    left_out = _left_out_m(given.flown, values, errors, given.space.q_rad)
+    return _Computed(near, tuple(reach), left_out)
+
+
+def _nearest(arm: Any, rows: Sequence[tuple[str, Floats]], step: Callable[[str], None]) -> Near:
+    """The posture of a group that is nearest to something."""
+    best = Near()
+    for place, q in rows:
+        step("distances")
+        distance_m, pair = arm.nearest(q)
+        if pair and distance_m < _or_far(best.distance_m):
+            best = Near(distance_m, pair, place)
+    return best
 
 
 def _require_of(desc: Any, table: Any, arm_crc: int, file: Path) -> None:

@@ -1,6 +1,6 @@
 """What an operator does with flight while it runs, for commands and the console."""
 
-from kincal.operate.acting import act, comment, refuse_several, verified
+from kincal.operate.acting import act, comment, refuse_others, refuse_several, verified
 from kincal.operate.coefficients import of_joints
 from kincal.operate.commands import (
     ACCEPTED,
@@ -79,6 +79,7 @@ __all__ = [
     "listen",
     "noop",
     "of_joints",
+    "refuse_others",
     "refuse_several",
     "reject",
     "rollback",

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kincal.flight.tables import decode_as
-from kincal.link import CommandLink, crc_text, dump, read_log, unsigned32
+from kincal.link import crc_text, read_log, unsigned32
 from kincal.operate.recording import recordings
-from kincal.review import Review, changes, find, history, warnings
+from kincal.review import Review, changes, find, history, reasons_to_reject, warnings
 from kincal.review import journal as journals
 from kincal.review.changes import Changes
 from kincal.review.history import History, Trend
-from kincal.review.journal import Entry, Journal
+from kincal.review.journal import SEEN, Entry, Journal
 from kincal.review.residuals import PoseResidual, residuals
 from kincal.review.status import Listed, Status, proposals_in, status
 from kincal.review.thresholds import Limits, read_limits
-from kincal_shared.errors import BadInput, CommandFailed, KincalError
+from kincal_shared.errors import KincalError
 from kincal_shared.keys import file_of
 from kincal_shared.keys import read as read_keys
 
 from . import corrected
 from .corrected import Corrected
+
+if TYPE_CHECKING:
+    from kincal.link.messages import Hk
 
 
 def read_journals(logs: Sequence[Path], journal: Path | None, key_file: Path) -> list[Journal]:
@@ -37,6 +40,12 @@ def read_journals(logs: Sequence[Path], journal: Path | None, key_file: Path) ->
 def absent(logs: Sequence[Path], found: Sequence[Journal]) -> list[str]:
     """Decisions that flight took in these logs and that no journal holds, in words."""
     return [f"{log}: {text}" for log in logs for text in journals.absent(found, read_log(log))]
+
+
+def against(found: Sequence[Journal], crc: int) -> list[str]:
+    """Reasons to reject a correction, by the journals: as they were seen last."""
+    seen = [e for one in found for e in one.entries if (e.decision, e.crc) == (SEEN, crc_text(crc))]
+    return reasons_to_reject(max(seen, key=lambda e: e.time)) if seen else []
 
 
 def proposals(logs: Sequence[Path], found: Sequence[Journal]) -> list[list[Listed]]:
@@ -85,12 +94,17 @@ class Shown:
             "poses": r.n_poses,
             "outliers": r.n_outliers,
             "numbers": r.numbers,
+            "reasons_to_reject": reasons_to_reject(r),
             "look_at": self.warnings,
             "changes": self.changes.as_dict(),
-            "clearance": self.corrected.as_dict() if self.corrected else None,
-            "clearance_unknown": self.why_not,
+            **clearance_dict(self.corrected, self.why_not),
             "residuals": [asdict(p) for p in self.residuals],
         }
+
+
+def clearance_dict(found: Corrected | None, why_not: str) -> dict[str, Any]:
+    """Clearance and reach for --json."""
+    return {"clearance": found.as_dict() if found else None, "clearance_unknown": why_not}
 
 
 def show(
@@ -107,29 +121,44 @@ def show(
     review, limits = find(log, crc, tables_dir), read_limits(tables_dir)
     entries = [entry for one in found for entry in one.entries]
     found_changes = what_changes(review, tables_dir, (log, *before), limits)
-    about = status(read_log(log), review, entries)
-    clear, why = _clearance(review, tables_dir, (log, *before), space)
-    found_changes, stands_out = with_clearance(review, found_changes, clear)
+    summary = read_log(log)
+    about = status(summary, review, entries)
+    wanted = of_flight(review, summary.hk)
+    old = changes.kin_values(review.crc_before, (tables_dir, log, *before))
+    clear, why = known_or_why(
+        lambda: corrected.of_review(review, old, tables_dir, space, wanted=wanted), space
+    )
+    review, found_changes, stands_out = with_clearance(review, found_changes, clear, why)
     left = _residuals(log, review, about, tables_dir, before)
     return Shown(review, stands_out, about, limits, found_changes, left, clear, why)
 
 
-def with_clearance(review: Review, found: Changes, clear: Corrected | None) -> tuple[Changes, list[str]]:
-    """What a proposal changes, with what clearance and reach say against it; and everything that stands
-    out."""
+def of_flight(review: Review, hk: Hk | None) -> dict[str, int]:
+    """Kind -> CRC of the tables that clearance and reach of a proposal depend on: those that it was made
+    with, of others those in force."""
+    now = corrected.in_force(hk.table_crc) if hk is not None else {}
+    made = {"arm": review.crc_arm, "terms": review.crc_terms}
+    return now | {kind: crc for kind, crc in made.items() if crc}
+
+
+def with_clearance(
+    review: Review, found: Changes, clear: Corrected | None, why_not: str = ""
+) -> tuple[Review, Changes, list[str]]:
+    """A proposal, and what it changes, with what clearance and reach say against it; and everything that
+    stands out. why_not: why they are not known."""
     if clear is None:
-        return found, warnings(review, found.big)
-    reasons = (*found.reasons, *clear.reasons)
-    return replace(found, reasons=reasons), [*warnings(review, found.big), *clear.look_at]
+        unknown = [f"clearance and reach are not known: {why_not.splitlines()[0]}"] if why_not else []
+        return review, found, [*warnings(review, found.big), *unknown]
+    review = replace(review, against=clear.against)
+    found = replace(found, reasons=(*found.reasons, *clear.reasons))
+    return review, found, [*warnings(review, found.big), *clear.look_at]
 
 
-def _clearance(
-    review: Review, tables_dir: Path, places: Sequence[Path], description: Path | None
-) -> tuple[Corrected | None, str]:
-    """Clearance and reach, or why they are not known."""
-    old = changes.kin_values(review.crc_before, (tables_dir, *places))
+def known_or_why(compute: Callable[[], Corrected], description: Path | None) -> tuple[Corrected | None, str]:
+    """Clearance and reach, or why they are not known. A description that was named and does not fit is an
+    error."""
     try:
-        return corrected.of_review(review, old, tables_dir, description), ""
+        return compute(), ""
     except KincalError as error:
         if description is not None:
             raise
@@ -155,34 +184,6 @@ def what_changes(
     return changes.of_review(review, old, changes.flown(tables_dir), limits)
 
 
-def what_rolls_back(
-    crc_in_force: int, crc_before: int, tables_dir: Path, places: Sequence[Path] = ()
-) -> Changes:
-    """What a rollback changes back; both CRCs as in KC_HK (table_crc, kin_prev_crc). BadInput if there is no
-    table to go back to, or the values of one of them are in none of the places."""
-    where = (tables_dir, *places)
-    if not crc_before:
-        raise BadInput(
-            f"flight holds no table before {crc_in_force:08x} and refuses to roll back",
-            todo="`kincal table uplink FILE` brings a KIN table in force that you have",
-        )
-    now = changes.kin_values(crc_in_force, where)
-    if now is None:
-        raise BadInput(
-            f"the values of correction {crc_in_force:08x} are in none of the places looked at",
-            ", ".join(map(str, where)),
-            "`kincal table dump kin now.tbl`, then --from now.tbl; or --from LOG that holds its proposal",
-        )
-    previous = changes.kin_values(crc_before, where)
-    if previous is None:
-        raise BadInput(
-            f"a rollback brings back {crc_before:08x}, whose values are in none of the places looked at",
-            ", ".join(map(str, where)),
-            "--from LOG that holds its proposal, or --from the KIN table",
-        )
-    return changes.of_rollback(now, previous, changes.names_of(tables_dir), changes.flown(tables_dir))
-
-
 def recorded(crc: int, folder: Path | None = None) -> Path | None:
     """The newest recording that holds the proposal of a correction; None if none does."""
     for file in recordings(folder):
@@ -193,16 +194,3 @@ def recorded(crc: int, folder: Path | None = None) -> Path | None:
         if any(s.proposal is not None and unsigned32(s.proposal.crc) == crc for s in sessions):
             return file
     return None
-
-
-def asked_for(link: CommandLink, crc: int, tables_dir: Path, places: Sequence[Path] = ()) -> Changes:
-    """What the correction that waits on board changes, by its table as flight holds it: values and sigmas
-    without covariance, fit and residuals."""
-    image = dump(link, "proposal")
-    if image.crc != crc:
-        raise CommandFailed(f"flight sent table {image.crc_text}, {crc:08x} waits", link.url, "try again")
-    kin = decode_as("kin", image.data, link.url)[1]
-    old = changes.kin_values(kin.prev_crc, (tables_dir, *places)) if kin.prev_crc else None
-    names, n = changes.names_of(tables_dir), int(kin.n_coef)
-    values, sigmas = tuple(kin.value[0:n]), tuple(kin.sigma[0:n])
-    return changes.of_values(values, sigmas, old, names, changes.flown(tables_dir))

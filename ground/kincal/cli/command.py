@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar, Unpack
 
@@ -17,7 +18,6 @@ from kincal.cli.review import JOURNAL, review_arm, review_go, review_reject
 from kincal.cli.table import table_dump
 from kincal.cli.terminal import console, say
 from kincal.cli.wire import KEYS, TIMEOUT, URL
-from kincal.link import unsigned32
 from kincal.review import journal as journals
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import Signer, file_of, signer_of
@@ -186,10 +186,27 @@ def command_abort(**given: Unpack[Given]) -> None:
     type=FILE,
     help="Log or KIN table that holds the corrections, for the preview.  [may be given several times]",
 )
+@click.option(
+    "--space",
+    type=FILE,
+    default=None,
+    help="Description of the SPACE table, for clearance and reach.  [default: beside the tables]",
+)
+@TABLES
 @options
-def command_rollback(crc: str | None, logs: tuple[Path, ...], **given: Unpack[Given]) -> None:
+def command_rollback(
+    crc: str | None,
+    logs: tuple[Path, ...],
+    space: Path | None,
+    tables_dir: Path,
+    **given: Unpack[Given],
+) -> None:
     """Bring back the correction before the one in force. CRC: of the one in force, eight hex digits; without
-    it the preview is shown (what changes back) and nothing is sent.
+    it the preview is shown and nothing is sent.
+
+    The preview is what changes back, and clearance and reach of the arm as the table before has it, against
+    the one in force, as `kincal review show` has them for a proposal. Reasons against it do not stop a
+    rollback.
 
     \b
     Examples:
@@ -202,7 +219,8 @@ def command_rollback(crc: str | None, logs: tuple[Path, ...], **given: Unpack[Gi
     wanted = None if crc is None else parse_crc(crc)
     if wanted is None:
         given["dry_run"] = True
-    _run(lambda s: operate.rollback(_in_force(s) if wanted is None else wanted), given, tuple(logs))
+    preview = Preview(tuple(logs), tables_dir, space)
+    _run(lambda s: operate.rollback(_in_force(s) if wanted is None else wanted), given, preview)
 
 
 @command.command("validate")
@@ -265,7 +283,17 @@ command.add_command(table_dump, "dump")
 # ---- sending
 
 
-def _run(make: Callable[[Any], Any], given: Given, logs: tuple[Path, ...] = ()) -> None:
+@dataclass(frozen=True)
+class Preview:
+    """What the preview of a rollback is made from: logs and KIN tables with the corrections, tables in force,
+    description of their SPACE."""
+
+    logs: tuple[Path, ...] = ()
+    tables_dir: Path = Path()
+    space: Path | None = None
+
+
+def _run(make: Callable[[Any], Any], given: Given, preview: Preview = Preview()) -> None:  # noqa: B008
     """Listen for the state, then send and follow, or say what speaks against it."""
     from kincal.api import operate
     from kincal.cli.text import operate as text
@@ -279,7 +307,7 @@ def _run(make: Callable[[Any], Any], given: Given, logs: tuple[Path, ...] = ()) 
             operate.listen(link, snapshot, LISTEN_S, lambda s: _enough(s, request.opcode))
             request = make(snapshot)
         if given["dry_run"]:
-            _dry_run(request, snapshot, link, given, logs)
+            _dry_run(request, snapshot, link, given, preview)
             return
         if snapshot.hk is None and request.opcode != "ABORT":
             raise CommandFailed(
@@ -305,7 +333,7 @@ def _enough(snapshot: Any, opcode: str) -> bool:
     return all(snapshot.last(channel) is not None for channel in wanted)
 
 
-def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, logs: tuple[Path, ...]) -> None:
+def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, preview: Preview) -> None:
     from kincal.api import operate
     from kincal.cli.text import operate as text
 
@@ -315,38 +343,48 @@ def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, logs: 
         found = (operate.Unmet("a key to sign with", why_no_key(given["key_file"]), "`kincal key`"), *found)
     if given["as_json"]:
         said = [{"condition": u.condition, "found": u.found, "todo": u.todo} for u in found]
+        back = _rolled_back(snapshot, preview) if request.opcode == "ROLLBACK" else None
         click.echo(json.dumps({
             "command": request.opcode, "state": snapshot.state, "housekeeping": age.status,
             "housekeeping_age_s": age.receive_age_s, "unmet": said, "sent": False,
+            **({} if back is None else {"rollback": back if isinstance(back, str) else back.as_dict()}),
         }, indent=1))  # fmt: skip
     else:
         if request.opcode == "ROLLBACK":
-            _preview(request, snapshot, given, logs)
+            _preview(snapshot, preview)
         text.unmet(console(), request.opcode, found, age, snapshot.state)
     if found:
         raise SystemExit(1)
 
 
-def _preview(request: Any, snapshot: Any, given: Given, logs: tuple[Path, ...]) -> None:
-    """What a rollback changes back, as far as tables and logs here hold it."""
-    from kincal.api import reviews
+def _preview(snapshot: Any, preview: Preview) -> None:
+    """What a rollback brings back, as far as tables and logs here hold it."""
     from kincal.cli.text import review as text
-    from kincal.operate.recording import recordings
-    from kincal_shared import installation
 
-    places = (*logs, *recordings()[:RECENT])
-    if snapshot.hk is None:
+    found = _rolled_back(snapshot, preview)
+    if found is None:
         return  # said with the conditions
-    before = unsigned32(snapshot.hk.kin_prev_crc)
-    try:
-        found = reviews.what_rolls_back(request.crc, before, installation.file("tables/bin"), places)
-    except BadInput as error:
-        say(f"no preview: {error}")
+    if isinstance(found, str):
+        say(f"no preview: {found}")
         return
-    text.what_changes(console(), found)
-    if given["dry_run"]:
-        crc = f"{request.crc:08x}"
-        click.echo(f"to do it: kincal command rollback {crc} --by NAME --why REASON")
+    text.rolled_back(console(), found)
+    click.echo(f"to do it: kincal command rollback {_in_force(snapshot):08x} --by NAME --why REASON")
+
+
+def _rolled_back(snapshot: Any, preview: Preview) -> Any:
+    """The preview, or why there is none; None without housekeeping."""
+    from kincal.api import previews
+    from kincal.operate.recording import recordings
+
+    if snapshot.hk is None:
+        return None
+    places, before = (*preview.logs, *recordings()[:RECENT]), snapshot.hk.kin_prev_crc
+    try:
+        return previews.what_rolls_back(
+            snapshot.hk.table_crc, before, preview.tables_dir, places, preview.space
+        )
+    except BadInput as error:
+        return str(error)
 
 
 def _in_force(snapshot: Any) -> int:

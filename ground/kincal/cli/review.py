@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack
@@ -70,7 +71,7 @@ def review_list(
         kincal review list out/*/run.lcmlog
         kincal review list --live
     """
-    from kincal.api.reviews import absent, proposals, read_journals
+    from kincal.api.reviews import absent, against, proposals, read_journals
     from kincal.review import decisions
 
     out, found = console(), read_journals(logs, journal, key_file)
@@ -79,7 +80,8 @@ def review_list(
         with link.Link(url) as up:
             signing = _signing_options(key_file, journal)
             waits = decisions.on_board(up, timeout_s)
-            text.on_board(out, waits, signing + _option("--url", url, link.DEFAULT_URL))
+            options = signing + _option("--url", url, link.DEFAULT_URL)
+            text.on_board(out, waits, options, against(found, waits.crc))
     for one in found:
         text.decisions(out, one)
     text.absent(out, absent(logs, found))
@@ -151,7 +153,8 @@ def review_show(
     With --by the journal gets a line that this person has seen this correction, with verdict and numbers.
 
     With --live it is the correction that waits on board, if `kincal record` has recorded its proposal. If
-    not, flight is asked for its values, and these are shown: enough to see what changes, not to approve it.
+    not, flight is asked for it: what changes, clearance and reach are shown, and where each of them comes
+    from. Tables of --tables that are not those in force are read back. It is not enough to approve it.
 
     \b
     Examples:
@@ -165,14 +168,7 @@ def review_show(
     from kincal.review.status import to_decide
 
     if live:
-        crc, file = _waiting(url, timeout_s, recordings, key_file, tables_dir, before)
-        if file is None:
-            raise CommandFailed(
-                f"the proposal of correction {crc} was not recorded: no covariance, fit or residuals at hand",
-                url,
-                "it cannot be approved from this; give a log that holds it, or reject it and measure again "
-                "with `kincal record` running",
-            )
+        crc, file = _waiting(url, timeout_s, recordings, key_file, tables_dir, before, space, as_json)
     if file is None:
         raise BadInput("no log", todo="name one, or --live for what waits on board")
     read = reviews.read_journals((file,), journal, key_file)
@@ -204,22 +200,32 @@ def _waiting(
     key_file: Path,
     tables_dir: Path,
     before: tuple[Path, ...],
-) -> tuple[str, Path | None]:
-    """CRC of what waits on board, and the recording that holds its proposal; if none does, its values are
-    shown."""
-    from kincal.api import reviews
+    space: Path | None,
+    as_json: bool,
+) -> tuple[str, Path]:
+    """CRC of what waits on board, and the recording that holds its proposal. If none does, what flight holds
+    is shown: CommandFailed, it is not enough for an approval."""
+    from kincal.api import previews, reviews
     from kincal.review import decisions
 
     with link.Link(url, signer=_signer_or_none(key_file)) as up:
         waits = decisions.on_board(up, timeout_s)
         if not waits.crc:
             raise CommandFailed("no correction waits on board", url, "`kincal status` shows the state")
-        file = reviews.recorded(waits.crc, recordings)
-        if file is None:
-            values = reviews.asked_for(up, waits.crc, tables_dir, before)
-            say(f"correction {waits.crc:08x} ({waits.verdict or 'verdict not known'}), as flight holds it:")
-            text.what_changes(console(), values)
-    return f"{waits.crc:08x}", file
+        if (file := reviews.recorded(waits.crc, recordings)) is not None:
+            return f"{waits.crc:08x}", file
+        with tempfile.TemporaryDirectory() as folder:
+            found = previews.asked_for(up, waits, tables_dir, Path(folder), before, space)
+    if as_json:
+        click.echo(json.dumps(found.as_dict(), indent=1))
+    else:
+        text.asked(console(), found)
+    raise CommandFailed(
+        f"the proposal of correction {found.crc} was not recorded: no covariance, fit or residuals at hand",
+        url,
+        "it cannot be approved from this; give a log that holds it, or reject it and measure again with "
+        "`kincal record` running",
+    )
 
 
 def _signer_or_none(key_file: Path) -> Signer | None:

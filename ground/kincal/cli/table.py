@@ -154,12 +154,14 @@ def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float, tables_
     Example:
         kincal table uplink tables/bin/config.tbl
     """
+    from kincal.api import operate
     from kincal.api.tables import check
 
     image, words = check(file, tables_dir)
     if words:
         click.echo(words)
     with link.Link(url, signer=signer_of(file_of(key_file))) as up:
+        operate.refuse_others(up, operate.Snapshot(), "the table")
         link.upload(up, image, timeout_s)
     click.echo(f"{image.kind} table {image.crc_text} is active")
 

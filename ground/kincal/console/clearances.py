@@ -6,15 +6,13 @@ from __future__ import annotations
 import shutil
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from kincal.api import corrected
 from kincal.api.corrected import Corrected
-from kincal.review import Review
-from kincal.review.changes import KinValues
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
 
 from . import work
@@ -55,17 +53,25 @@ class Clearances:
     def __exit__(self, *_exc: object) -> None:
         self.work.close()
 
-    def ask(self, review: Review, old: KinValues | None, tables_dir: Path) -> Found:
-        """What is known of a correction; what is not is begun."""
-        before, after = None if old is None else list(old.values), [c.value for c in review.coefs]
+    def ask(
+        self,
+        crc: str,
+        before: Sequence[float] | None,
+        after: Sequence[float],
+        tables_dir: Path,
+        wanted: Mapping[str, int],
+    ) -> Found:
+        """What is known of a kinematics table with the values `after` (crc: its own), against the one in
+        force; what is not is begun. wanted: CRCs of the tables that fly."""
         try:
             if why := corrected.why_not(tables_dir):
                 return Found("not known", why=why)
+            corrected.require(tables_dir, wanted)
             description = corrected.description_of(tables_dir, self._descriptions())
-            name = corrected.identity(before, after, tables_dir, description)[:16]
+            name = corrected.identity(before, after, tables_dir, description)
         except (KincalError, OSError) as error:
             return Found("not known", why=str(error))
-        what = f"{review.crc_text}-{name}"
+        what = f"{crc}-{name[:16]}"
         with self._lock:
             try:
                 return Found("done", Corrected.of_dict(self.work.answer(what)["corrected"]))
@@ -77,8 +83,9 @@ class Clearances:
             if what in self._failed:
                 return Found("not known", why=self._failed[what])
             if job is None or job.what != what:
-                spec = {"before": before, "after": after, "tables": str(tables_dir.resolve()),
-                        "description": str(description)}  # fmt: skip
+                spec = {"before": None if before is None else list(before), "after": list(after),
+                        "tables": str(tables_dir.resolve()), "description": str(description),
+                        "identity": name}  # fmt: skip
                 try:
                     self.work.begin(what, {}, spec)
                 except CommandFailed:
@@ -95,9 +102,10 @@ class Clearances:
 
 
 def _answer(spec: Plain) -> Plain:
-    found = corrected.between(
-        spec["before"], spec["after"], Path(spec["tables"]), Path(spec["description"]), work.progress
-    )
+    given = spec["before"], spec["after"], Path(spec["tables"]), Path(spec["description"])
+    found = corrected.between(*given, work.progress)
+    if corrected.identity(*given) != spec["identity"]:
+        raise CommandFailed("the tables have changed meanwhile", spec["tables"], "look at it again")
     return {"corrected": found.as_dict()}
 
 

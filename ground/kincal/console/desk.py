@@ -5,17 +5,19 @@ to the first was lost, is answered again and carried out once."""
 
 from __future__ import annotations
 
+import math
 import tempfile
 import threading
+import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from kincal.api import operate
-from kincal.api.reviews import with_clearance
+from kincal.api import corrected, operate, previews
+from kincal.api.reviews import of_flight, with_clearance
 from kincal.link import Link, crc_text, unsigned32
 from kincal.link.connection import LISTEN
 from kincal.link.eventfile import event_bytes
@@ -42,12 +44,13 @@ from kincal_shared.keys import Signer, file_of, holder, other_than, signer_of
 from kincal_shared.keys import read as read_keys
 
 from .clearances import Clearances, Found
-from .document import document, plain_grid
+from .document import document, plain_grid, section
 from .picture import Picture
 
 _REMEMBERED = 500
 _ABORT_WAIT_S = 5.0
 _LISTEN_S = 3.0
+_LOOK_AGAIN_S = 20.0  # recordings are large
 Plain = dict[str, Any]
 
 
@@ -62,7 +65,8 @@ class Words:
 @dataclass
 class Desk:
     """url: of the network; key_file: that signs; journal: of decisions; picture: what is known of flight;
-    timeout_s: longest wait for an answer; clearances: of corrections, None: they are not computed."""
+    timeout_s: longest wait for an answer; clearances: of corrections, None: they are not computed; elsewhere:
+    where kinematics tables may lie besides `tables_dir`, which holds the one in force alone."""
 
     url: str
     key_file: Path | None
@@ -71,6 +75,9 @@ class Desk:
     picture: Picture
     timeout_s: float = 10.0
     clearances: Clearances | None = None
+    elsewhere: Callable[[], Sequence[Path]] = tuple
+    _values_by_crc: dict[int, changes.KinValues] = field(default_factory=dict)
+    _missed_s: dict[int, float] = field(default_factory=dict)  # when a table was looked for in vain
     _done: OrderedDict[str, Plain | KincalError] = field(default_factory=OrderedDict)
     _accepted: dict[int, int] = field(default_factory=dict)  # by key: highest counter that flight accepted
     missing: str = ""  # what `journal_missing` found
@@ -194,11 +201,28 @@ class Desk:
                 "the values of the table in force or of the one before it are not known to this console",
                 todo="`kincal command rollback --from LOG` shows what changes back",
             )
-        crc, names = now.crc, self.picture.geometry.names
-        found = changes.of_rollback(now, previous, names, changes.flown(self.tables_dir))
-        rows = [[c.name, c.old_text, c.new_text, c.delta_text] for c in found.rows]
-        grid = Grid.of("<coefficient|in force|after|change", rows)
-        return {"crc": crc_text(crc), "headline": found.headline, "grid": plain_grid(grid)}
+        wanted = corrected.in_force(hk.table_crc)
+        clear = self._near(f"{previous.crc:08x}", now.values, previous.values, wanted)
+        known, why = (clear.corrected, clear.why) if clear else (None, "")
+        found = previews.rolled_back(now, previous, self.tables_dir, wanted, known, why)
+        rows = [[c.name, c.old_text, c.new_text, c.delta_text] for c in found.changes.rows]
+        grid = Grid.of("<coefficient|in force|rolled back|change", rows)
+        return {
+            "crc": crc_text(now.crc),
+            "headline": found.changes.headline,
+            "grid": plain_grid(grid),
+            "against": [reason.text for reason in found.changes.reasons],
+            "near": [section(s) for s in review_pages.near(known or why, "rolled back", "the table before")],
+            "clearance": clear.as_dict() if clear else None,
+        }
+
+    def _near(
+        self, crc: str, before: Sequence[float] | None, after: Sequence[float], wanted: Mapping[str, int]
+    ) -> Found | None:
+        """Clearance and reach; None: they are not computed here."""
+        if self.clearances is None:
+            return None
+        return self.clearances.ask(crc, before, after, self.tables_dir, wanted)
 
     def _changes(self, found: Review, limits: Limits | None) -> changes.Changes:
         """What a correction changes against the table that it replaces."""
@@ -223,11 +247,19 @@ class Desk:
             return residuals(log, found.session, before, after, flown, *out)
 
     def _values(self, crc: int) -> changes.KinValues | None:
-        """Values of a kinematics table, from the tables of the folder or the corrections that were heard."""
-        p = self.picture.proposal(crc_text(crc))
-        if p is None:
-            return changes.kin_values(crc, (self.tables_dir,))
-        return changes.KinValues(crc, tuple(p.value[: p.n_coef]), "heard")
+        """Values of a kinematics table, from the corrections that were heard, tables and recordings."""
+        if (p := self.picture.proposal(crc_text(crc))) is not None:
+            return changes.KinValues(crc, tuple(p.value[: p.n_coef]), "heard")
+        if crc in self._values_by_crc:
+            return self._values_by_crc[crc]
+        if time.monotonic() < self._missed_s.get(crc, -math.inf) + _LOOK_AGAIN_S:
+            return None
+        found = changes.kin_values(crc, (self.tables_dir, *self.elsewhere()))
+        if found is None:
+            self._missed_s[crc] = time.monotonic()
+        else:
+            self._values_by_crc[crc] = found
+        return found
 
     def command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
         """A signed command with its verifiers. CommandFailed, before it is sent, if flight would refuse it by
@@ -278,8 +310,10 @@ class Desk:
         lines = [e for e in self.entries() if e.crc == crc]
         about = status(self.picture.summary(), found, lines)
         clear = self._clearance(found)
-        known = clear.corrected if clear else None
-        changed, stands_out = with_clearance(found, self._changes(found, limits), known)
+        known, why = (clear.corrected, clear.why) if clear else (None, "")
+        found, changed, stands_out = with_clearance(found, self._changes(found, limits), known, why)
+        lines_seen = [e for e in lines if e.decision == journal.SEEN]
+        reasons = self._reasons(found, lines_seen)
         page = review_pages.page(
             found,
             stands_out,
@@ -288,15 +322,15 @@ class Desk:
             limits,
             changes=changed,
             left=self._left(found, about),
-            clearance=known or (clear.why if clear else ""),
+            clearance=known or why,
         )
         hk = self.picture.newest("KC_HK")
         return {
             "page": document(page),
-            "reasons": self._reasons(found),
-            "look_at": [text for text in stands_out if text not in reasons_to_reject(found)],
+            "reasons": reasons,
+            "look_at": [text for text in stands_out if text not in reasons],
             "waits": hk is not None and crc_text(hk.proposal_crc) == crc,
-            "seen_by": sorted({e.by for e in lines if e.decision == journal.SEEN}),
+            "seen_by": sorted({e.by for e in lines_seen if set(found.against) <= set(e.against)}),
             "lines": [_line(e) for e in lines],
             "go": self.may_go(),
             "clearance": clear.as_dict() if clear else None,
@@ -308,9 +342,9 @@ class Desk:
         return clear.as_dict() if clear else {"status": "not known"}
 
     def _clearance(self, found: Review) -> Found | None:
-        if self.clearances is None:
-            return None
-        return self.clearances.ask(found, self._values(found.crc_before), self.tables_dir)
+        old, hk = self._values(found.crc_before), self.picture.newest("KC_HK")
+        before, after = old.values if old else None, [c.value for c in found.coefs]
+        return self._near(found.crc_text, before, after, of_flight(found, hk))
 
     def _found(self, crc: str) -> Review:
         message = self.picture.proposal(crc)
@@ -318,25 +352,31 @@ class Desk:
             raise BadInput(f"correction {crc} was not heard by this console", todo="open its recording")
         return from_message(message, coef_names(self.tables_dir, unsigned32(message.crc_terms)))
 
-    def _reasons(self, found: Review) -> list[str]:
-        """To reject it, also that flight no longer knows its verdict."""
-        reasons, hk = reasons_to_reject(found), self.picture.newest("KC_HK")
+    def _reasons(self, found: Review, seen: Sequence[journal.Entry]) -> list[str]:
+        """To reject it, also what was seen when clearance was known, and that flight no longer knows its
+        verdict."""
+        hk, of_journal = self.picture.newest("KC_HK"), [text for e in seen for text in e.against]
+        reasons = list(dict.fromkeys([*reasons_to_reject(found), *of_journal]))
         waits = hk is not None and unsigned32(hk.proposal_crc) == found.crc
         return [*reasons, "flight has lost its verdict"] if waits and not hk.proposal_verdict else reasons
 
     def see(self, crc: str, by: str) -> Plain:
         """Write down that this person was shown the correction."""
         check_words(by, "seen")
-        found = self._found(crc)
-        if any(e.by.casefold() == by.strip().casefold() and e.decision == journal.SEEN
-               for e in self.entries() if e.crc == crc):  # fmt: skip
+        found, clear = self._found(crc), self._clearance(self._found(crc))
+        if clear is not None and clear.status in ("running", "waiting"):
+            raise CommandFailed(
+                f"clearance and reach of correction {crc} are still being computed: nobody has seen them",
+                todo="wait until they stand on the page",
+            )
+        known, why = (clear.corrected, clear.why) if clear else (None, "")
+        limits = read_limits(self.tables_dir)
+        found, _, stands_out = with_clearance(found, self._changes(found, limits), known, why)
+        who = by.strip().casefold()
+        before = [e for e in self.entries() if (e.crc, e.decision) == (crc, journal.SEEN)]
+        mine = [e for e in before if e.by.casefold() == who]
+        if any(e.against == found.against for e in mine[-1:]):
             return {"ok": True, "text": f"{by} has seen correction {crc}"}
-        clear, limits = self._clearance(found), read_limits(self.tables_dir)
-        _, stands_out = with_clearance(
-            found, self._changes(found, limits), clear.corrected if clear else None
-        )
-        if clear is not None and clear.corrected is None:
-            stands_out = [*stands_out, f"clearance and reach: {clear.why or 'not yet computed'}"]
         why = "; ".join(stands_out) or "nothing stood out"
         record(self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, self._signer())
         return {"ok": True, "text": f"{by} has seen correction {crc}"}
@@ -345,18 +385,25 @@ class Desk:
         """arm, go or reject."""
         said: list[str] = []
         operate.refuse_several("the decision", self.picture.several(), self.url)
-        who = self.operator(words, said.append)
+        who, against = self.operator(words, said.append), self._against(crc)
         with Link(self.url, signer=self._signer()) as link:
             if what == "arm":
-                decisions.arm(link, crc, who, override.strip())
+                decisions.arm(link, crc, who, override.strip(), against)
             elif what == "go":
-                decisions.go(link, crc, who)
+                decisions.go(link, crc, who, against)
             elif what == "reject":
                 decisions.reject(link, crc, who)
             else:
                 raise BadInput(f"no such decision: {what}")
         self.picture.note("info", what.upper(), f"correction {crc}: {what} by {who.by}: {who.why}")
         return {"ok": True, "text": said[-1] if said else what, "said": said}
+
+    def _against(self, crc: str) -> tuple[str, ...]:
+        """Reasons to reject a correction that clearance gives, as far as they are known by now."""
+        if self.clearances is None or self.picture.proposal(crc) is None:
+            return ()
+        clear = self._clearance(self._found(crc))
+        return clear.corrected.against if clear and clear.corrected else ()
 
     def log(self) -> list[Plain]:
         """The journal, newest first."""

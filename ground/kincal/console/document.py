@@ -21,11 +21,12 @@ def document(page: Page) -> Plain:
         "summary": list(page.summary),
         "tiles": [{"label": t.label, "text": t.text, "mood": t.mood, "about": t.about} for t in page.tiles],
         "commands": [{"why": c.why, "text": c.text} for c in page.commands],
-        "sections": [_section(s) for s in page.sections],
+        "sections": [section(s) for s in page.sections],
     }
 
 
-def _section(s: Section) -> Plain:
+def section(s: Section) -> Plain:
+    """A section of a page."""
     return {
         "key": s.key,
         "title": s.title,

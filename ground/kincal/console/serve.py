@@ -33,6 +33,7 @@ from .spaces import Spaces
 
 PORT = 8674
 FOLDER = Path("~/.kincal/console")
+_RECENT = 5  # recordings that are looked through for old corrections
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,9 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
         shelf.desk = desk
         desk.clearances = Clearances(home / "clearance", lambda: (shelf.made / "space.toml",))
         clearances = desk.clearances
+        desk.elsewhere = lambda: (
+            options.tables_dir, shelf.made, shelf.read, *recording.recordings(options.recordings)[:_RECENT]
+        )  # fmt: skip
         where = str((options.recordings or recording.FOLDER).expanduser()) if options.record else ""
         past = Past(options.url, options.recordings, home / "history", picture, shelf, desk)
         console = Console(options.url, geometry, picture, desk, None, bench, where, shelf, spaces, past)

@@ -14,10 +14,13 @@ from kincal_shared.errors import CommandFailed, KincalError, NoAnswer
 from kincal_shared.keys import Signer
 
 from .commands import ACCEPTED, DONE, END_OTHER, REFUSED, Request, Step, Tracked
-from .sender import send
+from .sender import listen, send
 from .snapshot import SEVERAL, Snapshot
 
 Say = Callable[[Step], None]
+OTHERS_S = 1.2
+"""A little more than the period of housekeeping: each flight on the network is heard in that time."""
+_HEARTBEATS = 3  # with these, another flight would have been heard between two of one
 NOT_AGAIN = (
     "do not send it again: see to the journal, then write down by `kincal review comment` what came of it"
 )
@@ -34,7 +37,7 @@ def act(link: CommandLink, request: Request, who: Operator, snapshot: Snapshot, 
         return tracked
     check_words(who.by, who.why)
     signer = signer_of(link)
-    refuse_several(request.opcode, snapshot.several(link.clock_s()), link.url)
+    refuse_others(link, snapshot, request.opcode)
     write(link, who, signer, request, journal.ATTEMPT, who.why)
     try:
         tracked = send(link, request, snapshot, who.timeout_s, say)
@@ -55,6 +58,13 @@ def refuse_several(what: str, several: bool, url: str) -> None:
     """CommandFailed if more than one flight is heard: each would take the command."""
     if several:
         raise CommandFailed(f"{what} was not sent: {SEVERAL}", url, END_OTHER)
+
+
+def refuse_others(link: CommandLink, snapshot: Snapshot, what: str) -> None:
+    """Listen for as long as each flight on the network needs to be heard, then refuse as `refuse_several`:
+    for a command that is sent by a program that has only just begun to listen."""
+    listen(link, snapshot, OTHERS_S, lambda s: s.heartbeats >= _HEARTBEATS)
+    refuse_several(what, snapshot.doubtful(link.clock_s()), link.url)
 
 
 def outcome(tracked: Tracked) -> str:
@@ -94,6 +104,7 @@ def verified(snapshot: Snapshot, say: Say) -> Command:
             if step.stage == ACCEPTED:
                 accepted()
 
+        refuse_others(link, snapshot, opcode)
         tracked = send(link, Request(opcode, args), snapshot, timeout_s, reached)
         if tracked.outcome in (DONE, ACCEPTED):
             return

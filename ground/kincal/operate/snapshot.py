@@ -149,23 +149,38 @@ def utc_text(utc_s: float) -> str:
 
 class Senders:
     """Whether more than one flight is heard: another one on the same network, or a recording that is replayed
-    there. Of one flight the starts only grow, and so does the clock from one start to the next; either goes
-    back once when a store or a clock was lost, but not again and again."""
+    there. Of one flight the starts only grow, and so do the clock from one start to the next and the number
+    of a message; either goes back once when a store or a clock was lost, but not again and again. Two flights
+    on one machine have the same clock, and as a rule the same number of starts: their messages tell."""
 
     def __init__(self) -> None:
-        self._newest: tuple[int, int] | None = None  # starts, time stamp
+        self._newest: tuple[int, int, int] | None = None  # starts, time stamp, number
         self._back_s: deque[float] = deque(maxlen=2)  # when they went back
+        self.taken = 0  # messages
 
     def take(self, hk: Hk, now_s: float) -> None:
         """Housekeeping that was received."""
-        newest = hk.boot_count, hk.t_us
-        if self._newest is not None and newest < self._newest:
+        newest = hk.boot_count, hk.t_us, hk.seq
+        if self._newest is not None and _back(newest, self._newest):
             self._back_s.append(now_s)
         self._newest = newest
+        self.taken += 1
 
     def several(self, now_s: float) -> bool:
         """Whether it has gone back and forth lately."""
         return len(self._back_s) == self._back_s.maxlen and now_s - self._back_s[0] < _SEVERAL_S
+
+    def doubtful(self, now_s: float) -> bool:
+        """Whether it has gone back at all: who listened for a moment cannot have heard it twice."""
+        return bool(self._back_s) and now_s - self._back_s[-1] < _SEVERAL_S
+
+
+def _back(now: tuple[int, int, int], before: tuple[int, int, int]) -> bool:
+    """Whether housekeeping comes from before the one that was received before it, or repeats its number."""
+    if now[:2] < before[:2]:
+        return True
+    same_start = now[0] == before[0]
+    return same_start and (now[2] < before[2] or (now[2] == before[2] > 0 and now[1] != before[1]))
 
 
 class Snapshot:
@@ -239,6 +254,15 @@ class Snapshot:
     def several(self, now_s: float) -> bool:
         """Whether more than one flight is heard."""
         return self._senders.several(now_s)
+
+    def doubtful(self, now_s: float) -> bool:
+        """Whether more than one flight may be heard: not a state to send a command in."""
+        return self._senders.doubtful(now_s)
+
+    @property
+    def heartbeats(self) -> int:
+        """Messages of housekeeping that were taken."""
+        return self._senders.taken
 
     def proposal(self, crc: int) -> Proposal | None:
         """The message of a proposed correction, if it came while this snapshot listened."""

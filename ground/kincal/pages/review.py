@@ -51,7 +51,7 @@ def page(
         tiles=_tiles(review),
         sections=[
             *(_changes(changes) if changes else []),
-            *_clearance(clearance),
+            *near(clearance),
             *_sections(review, about, limits),
             *([_left(left)] if left else []),
         ],
@@ -133,8 +133,8 @@ def _changes(c: Changes) -> list[Section]:
     return out
 
 
-def _clearance(found: Corrected | str) -> list[Section]:
-    """Clearance and reach with the new table."""
+def near(found: Corrected | str, new: str = "proposed", table: str = "the new table") -> list[Section]:
+    """Clearance and reach with the new table, or why they are not known; new, table: what that table is."""
     if isinstance(found, str):
         return [Section("clearance", "Clearance and reach", f"Not known: {found}")] if found else []
     rows: list[list[str | Cell]] = [
@@ -152,7 +152,7 @@ def _clearance(found: Corrected | str) -> list[Section]:
         f"least {length_text(found.margin_m)}: what SPACE {found.space} was verified for on arms with errors "
         f"({length_text(found.nominal_m)} on the nominal arm)."
     )
-    columns = "<where|in force|proposed|<nearest, proposed|<nearest, in force"
+    columns = f"<where|in force|{new}|<nearest, {new}|<nearest, in force"
     clear = Grid.of(columns, rows, " ".join([note, *found.notes]))
     lost: list[list[str | Cell]] = [
         [
@@ -164,10 +164,10 @@ def _clearance(found: Corrected | str) -> list[Section]:
         ]
         for r in found.reach
     ]
-    reach = Grid.of("<poses|<which|in force|proposed|<lost", lost)
+    reach = Grid.of(f"<poses|<which|in force|{new}|<lost", lost)
     return [
-        Section("clearance", "Clearance with the new table", f"{found.headline}.", grid=clear),
-        Section("reach", "Reach and view with the new table", grid=reach),
+        Section("clearance", f"Clearance with {table}", f"{found.headline}.", grid=clear),
+        Section("reach", f"Reach and view with {table}", grid=reach),
     ]
 
 

@@ -76,6 +76,9 @@ class Review:
     crc_before: int
     ended: str  # why the calibration stopped measuring; "" if flight did not say
     tested_early: bool  # its end says that the table in force may have been tested twice
+    crc_arm: int = 0  # tables that it was made with; 0: not known
+    crc_terms: int = 0
+    against: tuple[str, ...] = ()  # reasons to reject it that its numbers do not show: clearance
 
     @property
     def crc_text(self) -> str:
@@ -168,6 +171,8 @@ def from_message(p: Any, names: list[str]) -> Review:
         unsigned32(p.crc_kin_before),
         ended_text(p.ended, p.verdict),
         tested_early(p.ended),
+        unsigned32(p.crc_arm),
+        unsigned32(p.crc_terms),
     )
 
 
@@ -209,10 +214,11 @@ def warnings(review: Review, big: Sequence[str] = ()) -> list[str]:
 
 
 def reasons_to_reject(review: Review | Entry) -> list[str]:
-    """What an approval has to override; empty when there is nothing. Of a journal's entry: by the verdict and
-    the numbers that were seen."""
+    """What an approval has to override; empty when there is nothing. Of a journal's entry: by the verdict,
+    the numbers and the clearance that were seen."""
     poor = "flight itself calls the fit poor" if review.verdict == VERDICTS["POOR"] else ""
-    return [text for text in (poor, _bad_fit(review.numbers), _larger_residual(review.numbers)) if text]
+    by_numbers = poor, _bad_fit(review.numbers), _larger_residual(review.numbers)
+    return [*(text for text in by_numbers if text), *review.against]
 
 
 def _bad_fit(numbers: Mapping[str, float]) -> str:
@@ -301,6 +307,7 @@ def record(
         override=override,
         command=command,
         armed_key=armed_key,
+        against=tuple(review.against) if review else (),
     )
     return journals.append(journal, entry, signer)
 

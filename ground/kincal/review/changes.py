@@ -23,7 +23,7 @@ from kincal.rotations import angle_of_matrix
 from kincal.tables import unit_of
 from kincal_shared.errors import BadInput, KincalError
 
-from . import Review
+from . import Review, kin_crc
 from .thresholds import Limits, thresholds
 
 if TYPE_CHECKING:
@@ -205,7 +205,9 @@ def _values_in(place: Path) -> list[KinValues]:
         proposals = [s.proposal for s in read_log(place).sessions.values() if s.proposal is not None]
     except (KincalError, OSError):
         return []  # what cannot be read holds nothing
-    return [KinValues(unsigned32(p.crc), tuple(p.value[: p.n_coef]), str(place)) for p in proposals]
+    # a message carries no signature: it counts only if its values make the table that it names
+    sound = [p for p in proposals if kin_crc(p) == unsigned32(p.crc)]
+    return [KinValues(unsigned32(p.crc), tuple(p.value[: p.n_coef]), str(place)) for p in sound]
 
 
 # ---- where the tool goes

@@ -38,7 +38,8 @@ def _silent(_text: str) -> None:
 class OnBoard:
     """What waits on board. crc: 0: nothing; verdict: of it, "" if flight does not know it (any more); armed:
     the first step was taken; left_s: until it expires; state: of flight; armed_key: that took the first step,
-    0 if none did or flight is older; two_holders: the second step has to come from another holder."""
+    0 if none did or flight is older; two_holders: the second step has to come from another holder; table_crc:
+    of the tables in force, by kind."""
 
     crc: int
     verdict: str
@@ -47,6 +48,7 @@ class OnBoard:
     state: str = ""
     armed_key: int = 0
     two_holders: bool = False
+    table_crc: tuple[int, ...] = ()
 
     @property
     def other_than(self) -> str:
@@ -65,6 +67,7 @@ def on_board(link: CommandLink, timeout_s: float = 5.0) -> OnBoard:
         state_name(hk.state),
         hk.armed_key,
         bool(hk.go_by_other_key),
+        tuple(map(unsigned32, hk.table_crc)),
     )
 
 
@@ -150,11 +153,13 @@ def see(
     return record(journal_file, journal.SEEN, review.crc, by, why, str(log.resolve()), review, signer)
 
 
-def arm(link: CommandLink, crc: str, who: Operator, override: str = "") -> OnBoard:
+def arm(
+    link: CommandLink, crc: str, who: Operator, override: str = "", against: Sequence[str] = ()
+) -> OnBoard:
     """First step of an approval; returns what housekeeping says after it. override: why, in spite of the
-    reasons to reject. BadInput or CommandFailed before any command is sent if something else waits, it is
-    armed already, `who.by` has not seen it, or it needs an override and has none, or has one and needs
-    none."""
+    reasons to reject; against: those that clearance gives, as far as the caller knows them now. BadInput or
+    CommandFailed before any command is sent if something else waits, it is armed already, `who.by` has not
+    seen it (with those reasons), or it needs an override and has none, or has one and needs none."""
     case = _case(link, crc, who, "APPROVE_ARM")
     with _recorded(case, who, "APPROVE_ARM", override):
         if case.waits.armed:
@@ -167,7 +172,7 @@ def arm(link: CommandLink, crc: str, who: Operator, override: str = "") -> OnBoa
                 + " puts it in force, "
                 f"`kincal review reject {case.text}` drops it",
             )
-        seen = _seen(case, who)
+        seen = _seen(case, who, against)
         _check_override(case, seen, override)
 
         def accepted() -> None:
@@ -184,9 +189,10 @@ def arm(link: CommandLink, crc: str, who: Operator, override: str = "") -> OnBoa
     return now
 
 
-def go(link: CommandLink, crc: str, who: Operator) -> None:
+def go(link: CommandLink, crc: str, who: Operator, against: Sequence[str] = ()) -> None:
     """Second step: the correction comes in force. Refused, before any command is sent, if it is not armed,
-    `who.by` has not seen it, or it needs the key of another holder."""
+    `who.by` has not seen it, it needs the key of another holder, or clearance gives a reason to reject it
+    that the first step did not override. against: as for `arm`."""
     case = _case(link, crc, who, "APPROVE_GO")
     with _recorded(case, who, "APPROVE_GO"):
         if not case.waits.armed:
@@ -196,9 +202,18 @@ def go(link: CommandLink, crc: str, who: Operator) -> None:
                 f"`kincal review arm {case.text}` first",
             )
         _check_holder(case, link)
-        seen = _seen(case, who)
+        seen = _seen(case, who, against)
         armed = [e for e in case.before.entries if (e.decision, e.crc) == (journal.ARMED, case.text)]
         override = armed[-1].override if armed else ""
+        if seen.against and armed and not override:
+            raise BadInput(
+                f"the first step overrides nothing, and there are reasons to reject correction {case.text}: "
+                f"{'; '.join(seen.against)}",
+                seen.url,
+                f"`kincal review reject {case.text}`; to approve it in spite of them, wait until the "
+                f"approval has expired ({case.waits.left_s:.0f} s), then `kincal review arm {case.text} "
+                "--override REASON`",
+            )
         for entry in armed[-1:]:
             who.say(f"armed by {entry.by}, {entry.time}: {entry.why}")
         if override:
@@ -296,8 +311,10 @@ def signer_of(link: CommandLink) -> Signer:
     return link.signer
 
 
-def _seen(case: _Case, who: Operator) -> Entry:
-    """That `who.by` has seen what waits, and saw the verdict that flight states."""
+def _seen(case: _Case, who: Operator, against: Sequence[str] = ()) -> Entry:
+    """That `who.by` has seen what waits, with these reasons against it, and saw the verdict that flight
+    states. The entry, with the reasons that anybody has seen: who could not know them needs the override
+    too."""
     seen = case.before.seen_by(who.by, case.text)
     if seen is None:
         others = {e.by for e in case.before.entries if (e.decision, e.crc) == (journal.SEEN, case.text)}
@@ -315,7 +332,14 @@ def _seen(case: _Case, who: Operator) -> Entry:
             seen.url,
             "that log is not what flight sent: find out why, and reject",
         )
-    return seen
+    if new := [reason for reason in against if reason not in seen.against]:
+        raise BadInput(
+            f"{who.by} saw correction {case.text} before this was known: {'; '.join(new)}",
+            seen.url,
+            "look at it again, then decide",
+        )
+    known = [reason for entry in case.before.seen_all(case.text) for reason in entry.against]
+    return dataclasses.replace(seen, against=tuple(dict.fromkeys(known)))
 
 
 def _check_holder(case: _Case, link: CommandLink) -> None:

@@ -58,7 +58,8 @@ class Entry:
     only seen); unconfirmed: how many lines before it nobody could vouch for when it was written; mac: made
     with that key over all of the others, empty in journals of before. command: that was attempted or refused;
     marked: 1 if an end mark is kept from here on; armed_key: of an approval, the key that took its first
-    step, as flight says. A line leaves these three out where they are empty."""
+    step, as flight says; against: reasons to reject the proposal that its verdict and numbers do not show
+    (clearance), as they were seen. A line leaves these four out where they are empty."""
 
     time: str
     decision: str
@@ -78,11 +79,13 @@ class Entry:
     command: str = ""
     marked: int = 0
     armed_key: int = 0
+    against: tuple[str, ...] = ()
 
     def text(self) -> str:
         """The line of the journal."""
         fields = dataclasses.asdict(self)
-        later = {"command", "marked", "armed_key"}  # lines of before they were there stay as they are
+        # lines of before they were there stay as they are
+        later = {"command", "marked", "armed_key", "against"}
         return json.dumps({k: v for k, v in fields.items() if v or k not in later}, sort_keys=True)
 
     def mac_of(self, key: Key) -> str:
@@ -104,10 +107,14 @@ class Journal:
     def seen_by(self, who: str, crc: str) -> Entry | None:
         """The last line, vouched for by a key, that says that somebody has seen a proposal; names without
         regard to case and outer spaces."""
-        good = self.entries[: len(self.entries) - self.unconfirmed]
         who = who.strip().casefold()
-        mine = [e for e in good if (e.decision, e.crc, e.by.strip().casefold()) == (SEEN, crc, who)]
+        mine = [e for e in self.seen_all(crc) if e.by.strip().casefold() == who]
         return mine[-1] if mine else None
+
+    def seen_all(self, crc: str) -> list[Entry]:
+        """All lines, vouched for by a key, that somebody has seen a proposal."""
+        good = self.entries[: len(self.entries) - self.unconfirmed]
+        return [e for e in good if (e.decision, e.crc) == (SEEN, crc)]
 
     @property
     def vouched(self) -> str:
@@ -366,18 +373,23 @@ _TYPES: dict[str, type | tuple[type, ...]] = {
     "unconfirmed": int,
     "marked": int,
     "armed_key": int,
+    "against": tuple,
 }
 
 
 def _entry(line: bytes, where: str) -> Entry:
     """An entry of a line; BadInput if it is none."""
     try:
-        entry = Entry(**json.loads(line))
+        fields = json.loads(line)
+        if isinstance(reasons := fields.get("against"), list):
+            fields["against"] = tuple(reasons)
+        entry = Entry(**fields)
         values = dataclasses.asdict(entry)
         good = all(isinstance(value, _TYPES.get(name, str)) for name, value in values.items())
+        good = good and all(isinstance(reason, str) for reason in entry.against)
         # the same object can be written in many ways, of which one is authenticated
         good = good and (not entry.mac or entry.text().encode() == line)
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError, AttributeError, RecursionError):
         good = False
     if not good:
         raise BadInput("the review journal is damaged", where, _COPY)

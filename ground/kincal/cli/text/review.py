@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from kincal.api.corrected import Corrected
+from kincal.api.previews import Asked, RolledBack
 from kincal.cli.text.layout import grid
 from kincal.results import angle_text, chance_text, length_text
 from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
@@ -57,8 +58,9 @@ def history(out: Console, found: History, trends: Sequence[Trend], entries: Sequ
     out.print(rows)
 
 
-def on_board(out: Console, waits: OnBoard, sending: str = "") -> None:
-    """What waits on board, and what can be decided; sending: options of the commands for it."""
+def on_board(out: Console, waits: OnBoard, sending: str = "", against: Sequence[str] = ()) -> None:
+    """What waits on board, and what can be decided; sending: options of the commands for it; against: reasons
+    to reject it that were seen."""
     if not waits.crc:
         out.print(f"on board: nothing waits; state {escape(waits.state)}")
         return
@@ -69,7 +71,9 @@ def on_board(out: Console, waits: OnBoard, sending: str = "") -> None:
     else:
         out.print(f"on board: {what} waits for review")
     seen = see_first(waits.crc, "--live", sending)
-    found = choices(waits.crc, waits.verdict, (), waits.armed, sending, _second(waits))
+    for reason in against:
+        out.print(f"  [red]reason to reject: {escape(reason)}[/]", soft_wrap=True)
+    found = choices(waits.crc, waits.verdict, against, waits.armed, sending, _second(waits))
     _choices(out, (seen, *found))
 
 
@@ -130,7 +134,7 @@ def show(
         out.print(f"measuring ended: {r.ended}")
     if changes is not None:
         what_changes(out, changes, {c.name: c.confounded for c in r.coefs})
-    _clearance(out, clearance)
+    what_is_near(out, clearance)
     shown = [c for c in r.coefs if not c.idle]
     if changes is None:
         out.print(_coefficients(shown))
@@ -147,7 +151,7 @@ def show(
     reasons = reasons_to_reject(r)
     for line in warnings:
         what = "[red]reason to reject" if line in reasons else "[yellow]look at"
-        out.print(f"{what}: {escape(line)}[/]")
+        out.print(f"{what}: {escape(line)}[/]", soft_wrap=True)
     if not warnings:
         out.print("nothing stands out")
     if about.waits:
@@ -187,16 +191,16 @@ def what_changes(out: Console, c: Changes, confounded: Mapping[str, Sequence[str
     if c.undetermined:
         out.print(f"[yellow]not determined by these poses[/]: {escape(', '.join(c.undetermined))}")
     for reason in c.reasons:
-        out.print(f"[red]against it:[/] {escape(reason.text)}")
+        out.print(f"[red]against it:[/] {escape(reason.text)}", soft_wrap=True)
 
 
-def _clearance(out: Console, found: Corrected | str) -> None:
-    """Clearance and reach with the new table."""
+def what_is_near(out: Console, found: Corrected | str, new: str = "proposed") -> None:
+    """Clearance and reach with the new table, or why they are not known; new: what that table is."""
     if isinstance(found, str):
         if found:
-            out.print(f"clearance and reach with the new table are not known: {escape(found)}")
+            out.print(f"[yellow]clearance and reach are not known:[/] {escape(found)}", soft_wrap=True)
         return
-    columns = ("where", "in force", "proposed", "nearest, proposed")
+    columns = ("where", "in force", new, f"nearest, {new}")
     title = f"\nClearance: at least {length_text(found.margin_m)} (SPACE {found.space})"
     rows = grid(title, *columns, right=(1, 2))
     for c in found.clear:
@@ -204,13 +208,29 @@ def _clearance(out: Console, found: Corrected | str) -> None:
         after = f"[red]{c.after.text}[/]" if near else c.after.text
         rows.add_row(c.what, c.before.text, after, escape(c.after.where))
     out.print(rows)
-    rows = grid("\nReach and view", "poses", "which", "in force", "proposed", "lost", right=(2, 3))
+    rows = grid("\nReach and view", "poses", "which", "in force", new, "lost", right=(2, 3))
     for r in found.reach:
         counts = f"{r.of - len(r.before)}", f"{r.of - len(r.after)} of {r.of}"
         rows.add_row(r.what, r.want, *counts, escape(r.lost_text))
     out.print(rows)
     for note in found.notes:
-        out.print(escape(note))
+        out.print(escape(note), soft_wrap=True)
+
+
+def rolled_back(out: Console, found: RolledBack) -> None:
+    """What a rollback brings back."""
+    what_changes(out, found.changes)
+    what_is_near(out, found.corrected or found.why_not, "rolled back")
+
+
+def asked(out: Console, found: Asked) -> None:
+    """What waits on board, as flight holds it."""
+    verdict = found.verdict or "verdict not known"
+    out.print(f"[bold]correction {found.crc}[/] ({verdict}), as flight holds it; where this comes from:")
+    for source in found.sources:
+        out.print(f"  {escape(source)}", soft_wrap=True)
+    what_changes(out, found.changes)
+    what_is_near(out, found.corrected or found.why_not)
 
 
 def _coefficients(coefs: Sequence[CoefLine]) -> Table:

@@ -5,8 +5,8 @@ import { keep, kept, tell } from "./store.js";
 import { say } from "./said.js";
 
 // label: of the first button; act: of the second; text(): what happens; path, body(): of the request; key: of
-// the draft; preview(): elements that show what would change; why: what the reason field asks; more: further fields {name, label, value: as it is offered}; disabled: why it cannot be.
-export function confirmed({ label, act, text, path, body = () => ({}), key, danger = false, fields = ["by", "why"], more = [], disabled = "", done = () => {}, preview = null }) {
+// the draft; preview(): elements that show what would change; why: what the reason field asks; more: further fields {name, label, value: as it is offered}; disabled: why it cannot be; closing(): it was cancelled.
+export function confirmed({ label, act, text, path, body = () => ({}), key, danger = false, fields = ["by", "why"], more = [], disabled = "", done = () => {}, preview = null, closing = () => {} }) {
   const box = el("div", { class: "confirm" });
   const draft = kept(`draft:${key}`, {});
   const labels = { by: "Your name", why: "Reason, for the record" };
@@ -25,7 +25,7 @@ export function confirmed({ label, act, text, path, body = () => ({}), key, dang
   function opened(focus) {
     const made = [...fields.map((f) => [f, ...field(f, labels[f])]), ...more.map((m) => [m.name, ...field(m.name, m.label, m.value)])];
     const go = el("button", { type: "submit", class: danger ? "danger" : "primary" }, act);
-    const stop = el("button", { type: "button", onclick: () => { draft.open = false; save(); closed(); } }, "cancel");
+    const stop = el("button", { type: "button", onclick: () => { draft.open = false; save(); closed(); closing(); } }, "cancel");
     const said = el("p", { class: "bad small", role: "alert" });
     check = () => { go.disabled = made.some(([, , input]) => !input.value.trim()); };
     const form = el("form", {}, el("p", {}, text()), made.map(([, node]) => node), el("div", { class: "buttons" }, go, stop), said);

@@ -6,7 +6,7 @@ import { document_, grid } from "./document.js";
 import { question } from "./benchmore.js";
 import { ask, keep, kept, now_s, store, tell } from "./store.js";
 
-let parts = null, chosen = null, shown = null, stamp = {};
+let parts = null, chosen = null, shown = null, stamp = {}, rolling = false; // rolling: the middle shows a rollback
 
 export function open(root) {
   parts = {
@@ -18,6 +18,7 @@ export function open(root) {
   };
   stamp = {};
   shown = null;
+  rolling = false;
   show(root, el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "Inbox and journal" }, parts.inbox, parts.force, parts.journal), parts.review, parts.decide);
   update();
   if (chosen) load();
@@ -25,7 +26,7 @@ export function open(root) {
 }
 export function close() { parts = null; }
 export function at([crc]) {
-  if (crc) chosen = crc;
+  if (crc) { rolling &&= crc === chosen; chosen = crc; }
   else update();
   if (chosen && !shown) load(); // also when the view is opened again
   else if (crc && shown.crc !== crc) load();
@@ -74,18 +75,31 @@ function force() {
   const crc = hk?.tables.KIN;
   show(parts.force, el("h2", {}, "In force"), el("p", {}, "Kinematics table ", el("code", {}, crc || "unknown")),
     crc && store.about.live ? confirmed({
-      label: "Roll back …", act: "ROLLBACK", danger: true, path: "rollback", key: `rollback:${crc}`, body: () => ({ crc }), disabled: store.about.why_no_key, done: journal,
+      label: "Roll back …", act: "ROLLBACK", danger: true, path: "rollback", key: `rollback:${crc}`, body: () => ({ crc }), disabled: store.about.why_no_key, done: () => { rolledBack(); journal(); }, closing: rolledBack,
       text: () => `The table before ${crc} comes in force again, for every motion from then on. Flight refuses it while a calibration runs or if it has no table before this one.`,
       preview: rollbackPreview,
     }) : null);
 }
 
+// What changes back, at once, in the middle; clearance and reach follow there when they are computed.
 async function rollbackPreview() {
-  try {
-    const found = await ask("rollback/preview");
-    return [el("p", {}, el("b", {}, "What changes back: "), `${found.headline}.`), grid(found.grid)];
-  } catch (error) { return [el("p", { class: "attention" }, `▲ No preview: ${error.message}`)]; }
+  let found;
+  try { found = await ask("rollback/preview"); } catch (error) { return [el("p", { class: "attention" }, `▲ No preview: ${error.message}`)]; }
+  const near = el("div"), against = el("div", { class: "bad" }), wait = el("div");
+  const draw = (now) => {
+    show(against, ...(now.against.length ? [el("p", {}, "◆ Against it:"), el("ul", {}, now.against.map((r) => el("li", {}, r)))] : []));
+    show(near, ...now.near.flatMap((s) => [el("h2", {}, s.title), s.text ? el("p", {}, s.text) : null, s.grid ? grid(s.grid) : null]));
+    show(wait, computed(now.clearance, () => ask("rollback/preview"), (later) => later.clearance, draw));
+  };
+  if (!parts) return [];
+  rolling = true;
+  show(parts.review, el("div", { class: "document" }, el("h1", {}, `Rollback of ${found.crc}`), el("p", { class: "sub" }, "what the table before changes back; nothing is sent yet"),
+    wait, el("h2", {}, "What changes back"), grid(found.grid), near));
+  parts.review.scrollTop = 0;
+  draw(found);
+  return [el("p", {}, el("b", {}, "What changes back: "), `${found.headline}. The values, clearance and reach stand beside.`), against];
 }
+function rolledBack() { rolling = false; load(); }
 
 let asked = 0;
 
@@ -122,27 +136,35 @@ async function load() {
   const top = shown?.crc === crc ? parts.review.scrollTop : 0;
   const page = document_(found.page);
   shown = { crc, found, page };
+  decide();
+  inbox();
+  if (rolling) return;
   show(parts.review, page.node);
   page.node.querySelector(".sub").after(...[question(crc), clearance(crc, found.clearance)].filter(Boolean));
   page.draw();
   parts.review.scrollTop = top;
-  decide();
-  inbox();
 }
 
 // Clearance and reach are computed by a process of the console; the page is drawn again when they are there.
 function clearance(crc, state) {
-  if (!["running", "waiting"].includes(state?.status)) return null;
-  const bar = el("progress", { "aria-label": "Clearance and reach" }), node = el("div", { class: "progress clearance" }, "Clearance and reach with the new table are being computed ", bar);
+  return computed(state, () => ask(`review/${encodeURIComponent(crc)}/clearance`), (now) => now, () => { if (parts && shown?.crc === crc) load(); });
+}
+
+const computing = (state) => ["running", "waiting"].includes(state?.status);
+
+// A bar while they are computed, null if they are not; again(): asks once more; of(answer): how far it is; done(answer).
+function computed(state, again, of, done) {
+  if (!computing(state)) return null;
+  const bar = el("progress", { "aria-label": "Clearance and reach" }), node = el("div", { class: "progress clearance" }, "Clearance and reach are being computed ", bar);
   const fill = (s) => { if (s.of) { bar.max = s.of; bar.value = s.done; } };
   fill(state);
-  const timer = setInterval(async () => {
-    if (!node.isConnected) { clearInterval(timer); return; }
+  const begun = Date.now(), timer = setInterval(async () => {
+    if (!node.isConnected && Date.now() - begun > 2000) { clearInterval(timer); return; }
     let now;
-    try { now = await ask(`review/${encodeURIComponent(crc)}/clearance`); } catch { return; }
-    if (["running", "waiting"].includes(now.status)) { fill(now); return; }
+    try { now = await again(); } catch { return; }
+    if (computing(of(now))) { fill(of(now)); return; }
     clearInterval(timer);
-    if (parts && shown?.crc === crc) load();
+    done(now);
   }, 1000);
   return node;
 }
@@ -159,15 +181,15 @@ function decide() {
     show(parts.decide, el("h2", {}, "Decision"), el("p", {}, text));
     return;
   }
-  const poor = found.reasons.length > 0;
+  const poor = found.reasons.length > 0, wait = computing(found.clearance) ? "clearance and reach are still being computed" : "";
   const again = () => { load(); journal(); };
   show(parts.decide, el("h2", {}, "Decision"),
-    poor ? el("div", { class: "bad" }, el("p", {}, "◆ There are reasons to reject it:"), el("ul", {}, found.reasons.map((r) => el("li", {}, r)))) : el("p", {}, "● No number fails its threshold. Read the page beside before you decide."),
+    poor ? el("div", { class: "bad" }, el("p", {}, "◆ There are reasons to reject it:"), el("ul", {}, found.reasons.map((r) => el("li", {}, r)))) : el("p", {}, wait ? `● No number fails its threshold so far; ${wait}.` : "● No number fails its threshold. Read the page beside before you decide."),
     found.look_at.length ? el("div", { class: "attention" }, el("p", {}, "▲ Look at this first:"), el("ul", {}, found.look_at.map((r) => el("li", {}, r)))) : null,
     el("ol", { class: "steps" },
-      el("li", { class: found.seen_by.length ? "done" : "next" }, el("b", {}, "Seen"), el("p", { class: "small" }, found.seen_by.length ? `by ${found.seen_by.join(", ")}` : "Who approves must have seen it: this is written into the journal."), seen(crc, again)),
+      el("li", { class: found.seen_by.length ? "done" : "next" }, el("b", {}, "Seen"), el("p", { class: "small" }, found.seen_by.length ? `by ${found.seen_by.join(", ")}` : "Who approves must have seen it: this is written into the journal."), seen(crc, again, wait)),
       el("li", { class: armed ? "done" : found.seen_by.length ? "next" : "" }, el("b", {}, "ARM"), twoPersons(hk, armed), armed ? el("p", { class: "small" }, hk.armed_key ? `armed by key ${hk.armed_key}` : "armed") : confirmed({
-        label: "Arm the approval …", act: "ARM", path: `review/${crc}/arm`, key: `arm:${crc}`, disabled: why || (found.seen_by.length ? "" : "nobody has seen it yet"), done: again,
+        label: "Arm the approval …", act: "ARM", path: `review/${crc}/arm`, key: `arm:${crc}`, disabled: why || wait || (found.seen_by.length ? "" : "nobody has seen it yet"), done: again,
         more: poor ? [{ name: "override", label: "Override: why it is approved in spite of these reasons" }] : [],
         text: () => `First step: flight is armed for correction ${crc}. Nothing is in force yet.`,
       })),
@@ -191,12 +213,12 @@ function otherKey(armed, go) {
   return armed && go.why_not ? el("p", { class: "attention small other-key" }, `▲ ${go.why_not}. This console signs with key ${go.key}: the second person gives GO at a console or terminal of his own.`) : null;
 }
 
-function seen(crc, again) {
+function seen(crc, again, wait) {
   const input = el("input", { type: "text", name: "seen", autocomplete: "off", "aria-label": "Your name" });
   input.value = kept("by", "");
   input.addEventListener("input", () => keep("by", input.value));
   const said = el("span", { class: "bad small", role: "alert" });
-  const form = el("form", { class: "seen" }, el("label", {}, "Your name", input), el("button", { type: "submit", disabled: Boolean(store.about.why_no_key) }, "I have seen it"), said);
+  const form = el("form", { class: "seen" }, el("label", {}, "Your name", input), el("button", { type: "submit", disabled: Boolean(store.about.why_no_key || wait), title: wait || null }, "I have seen it"), said);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     try { await tell(`review/${crc}/seen`, { by: input.value }); again(); } catch (error) { show(said, error.message); }
