@@ -321,15 +321,6 @@ void test_while_a_change_is_stored_other_commands_are_refused(void)
     expect_in_force(s_crc, 0u, KC_ST_IDLE);
 }
 
-void test_a_proposal_that_changed_in_memory_cannot_be_approved(void)
-{
-    armed();
-    APP->review.image[100] ^= 8u;
-    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, world_do(KC_CMD_APPROVE_GO, (int32_t)s_crc, 0, 0));
-    TEST_ASSERT_EQUAL_INT(KC_EVT_TBL_CRC, world.ack.event_id);
-    expect_in_force(s_before, s_crc, KC_ST_ARMED);
-}
-
 /* ---- found missing by mutants ---- */
 
 /* A proposal is stored with the record that names it, so that no power loss after it forgets it. */

@@ -658,50 +658,6 @@ void test_a_table_comes_down_as_it_went_up(void)
     TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_table_down);
 }
 
-void test_a_waiting_proposal_can_be_dumped(void)
-{
-    world.truth.joint[6].phi_rad = 0.1;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DUMP, KC_STORE_PROPOSAL, 0, 0));
-    uint32_t n = collect(10u);
-    TEST_ASSERT_EQUAL_UINT32(world.proposal.crc, kc_tbl_image_crc(s_dumped, n));
-    TEST_ASSERT_EQUAL_UINT32(APP->review.n, n);
-}
-
-void test_a_dump_of_nothing_is_refused(void)
-{
-    given_idle();
-    (void)world_cmd(KC_CMD_TABLE_DUMP, 0, 0, 0);
-    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-    (void)world_cmd(KC_CMD_TABLE_DUMP, KC_TBL_COUNT, 0, 0);
-    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-    (void)world_cmd(KC_CMD_TABLE_DUMP, KC_STORE_PROPOSAL, 0, 0);
-    refused(KC_ERR_STATE, KC_EVT_TBL_MISSING);
-    kc_app_init(APP);
-    kc_app_keys(APP, &world.keys);
-    kc_app_boot(APP);
-    world_tick();
-    uint32_t before = world_events(KC_EVT_TBL_MISSING);
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(KC_CMD_TABLE_DUMP, KC_TBL_ARM, 0, 0));
-    TEST_ASSERT_EQUAL_UINT32(before + 1u, world_events(KC_EVT_TBL_MISSING));
-}
-
-void test_a_dump_ends_when_its_table_changes(void)
-{
-    given_idle();
-    (void)world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0);
-    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_table_down);
-    APP->tables.active.crc[KC_TBL_SPACE] ^= 1u; /* another one was activated */
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_table_down);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_TBL_MISSING));
-    (void)world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0);
-    APP->tables.active.crc[KC_TBL_SPACE] = 0u; /* or it is gone */
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_TBL_MISSING));
-}
-
 /* ---- found missing by mutants ---- */
 
 /* Silence counts from the source's last command, however late it is. */
@@ -715,34 +671,6 @@ void test_late_too_a_wild_number_is_refused_while_its_source_is_heard(void)
     world_ticks(5u);
     world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 7;
     refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
-}
-
-void test_a_dump_larger_than_a_chunk_comes_in_two(void)
-{
-    given_idle();
-    APP->review.n = KC_KIN_IMAGE_MAX;
-    APP->review.crc = 77u;
-    for (uint32_t i = 0u; i < KC_KIN_IMAGE_MAX; i++) { APP->review.image[i] = (uint8_t)(i * 7u); }
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DUMP, KC_STORE_PROPOSAL, 0, 0));
-    TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_BYTES, world.out.table_down.n);
-    TEST_ASSERT_EQUAL_UINT32(KC_KIN_IMAGE_MAX, collect(10u));
-    TEST_ASSERT_EQUAL_MEMORY(APP->review.image, s_dumped, KC_KIN_IMAGE_MAX);
-    TEST_ASSERT_EQUAL_UINT32(KC_KIN_IMAGE_MAX - KC_CHUNK_BYTES, world.out.table_down.n);
-}
-
-void test_a_dump_waits_while_a_step_has_no_time_for_it(void)
-{
-    kc_work_t busy = {KC_STEP_WORK, KC_STEP_WORK}, idle = kc_work_of_step();
-    given_idle();
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0));
-    uint32_t at = APP->dump.at;
-    memset(&world.out, 0, sizeof world.out);
-    kc_dump_run(&APP->dump, &APP->review, &APP->view, &busy, &world.out);
-    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_table_down);
-    TEST_ASSERT_EQUAL_UINT32(at, APP->dump.at);
-    kc_dump_run(&APP->dump, &APP->review, &APP->view, &idle, &world.out);
-    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_table_down);
-    TEST_ASSERT_EQUAL_UINT32(at, world.out.table_down.offset);
 }
 
 /* One more is announced than there is room for: what lies behind the queue is no chunk. */

@@ -91,23 +91,6 @@ void test_without_the_rule_the_key_that_armed_gives_go(void)
     TEST_ASSERT_EQUAL_HEX32(s_crc, active_crc());
 }
 
-void test_housekeeping_says_who_armed_and_that_another_holder_is_needed(void)
-{
-    given_proposal();
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_INT(1, world.hk.go_by_other_key);
-    TEST_ASSERT_EQUAL_UINT32(0u, world.hk.armed_key);
-    TEST_ASSERT_EQUAL_INT(KC_OK, by(2u, KC_CMD_APPROVE_ARM, (int32_t)s_crc, 0));
-    TEST_ASSERT_EQUAL_DOUBLE(101.0, world.last[KC_EVT_COR_OTHER_KEY].got);
-    TEST_ASSERT_EQUAL_DOUBLE((double)world.config.approval_timeout_us, world.last[KC_EVT_COR_OTHER_KEY].want);
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_UINT32(101u, world.hk.armed_key);
-    TEST_ASSERT_TRUE(world.hk.approval_left_us > 0u);
-    TEST_ASSERT_EQUAL_INT(KC_OK, by(0u, KC_CMD_APPROVE_GO, (int32_t)s_crc, 0));
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_UINT32(0u, world.hk.armed_key);
-}
-
 void test_an_approval_that_expired_is_armed_anew_and_its_first_key_counts_no_more(void)
 {
     world.config.approval_timeout_us = 1000000u;
@@ -149,17 +132,6 @@ void test_a_rollback_needs_one_key(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, by(2u, KC_CMD_APPROVE_GO, (int32_t)s_crc, 0));
     TEST_ASSERT_EQUAL_INT(KC_OK, by(2u, KC_CMD_ROLLBACK, (int32_t)s_crc, 0));
     TEST_ASSERT_EQUAL_HEX32(s_before, active_crc());
-}
-
-void test_an_override_is_armed_by_one_holder_and_let_go_by_another(void)
-{
-    given_proposal();
-    APP->review.verdict = (uint32_t)KC_VERDICT_POOR;
-    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, by(0u, KC_CMD_APPROVE_ARM, (int32_t)s_crc, KC_OVERRIDE_NONE));
-    TEST_ASSERT_EQUAL_INT(KC_OK, by(0u, KC_CMD_APPROVE_ARM, (int32_t)s_crc, KC_OVERRIDE_FIT));
-    TEST_ASSERT_EQUAL_INT(KC_ERR_AUTH, by(1u, KC_CMD_APPROVE_GO, (int32_t)s_crc, 0));
-    TEST_ASSERT_EQUAL_INT(KC_OK, by(2u, KC_CMD_APPROVE_GO, (int32_t)s_crc, 0));
-    TEST_ASSERT_EQUAL_HEX32(s_crc, active_crc());
 }
 
 /* ---- one holder only ---- */

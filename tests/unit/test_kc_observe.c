@@ -12,17 +12,6 @@ void setUp(void) { given_world(); }
 
 /* ---- frames ---- */
 
-void test_a_frame_that_does_not_come_is_requested_again(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
-    world.camera_silent = true;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_FRAME_TIMEOUT, 50u));
-    TEST_ASSERT_EQUAL_INT(KC_ST_OBSERVE, kc_app_state(APP));
-    world.camera_silent = false;
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 50u));
-}
-
 void test_a_camera_that_stays_silent_ends_it(void)
 {
     const kc_state_t states[] = {KC_ST_OBSERVE, KC_ST_SEARCH, KC_ST_MEASURE};

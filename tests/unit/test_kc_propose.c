@@ -280,17 +280,6 @@ void test_a_corrected_arm_needs_no_change(void)
     TEST_ASSERT_EQUAL_UINT32(crc, active_crc());
 }
 
-void test_an_armed_approval_expires(void)
-{
-    world_calibrated();
-    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0);
-    world_ticks(5u);
-    TEST_ASSERT_EQUAL_INT(KC_ST_ARMED, kc_app_state(APP));
-    world_ticks(600000000u / TICK_US);
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_EXPIRED));
-}
-
 void test_a_rejected_proposal_is_gone(void)
 {
     world_calibrated();
@@ -303,15 +292,6 @@ void test_a_rejected_proposal_is_gone(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_STORE_PROPOSAL][0]);
     TEST_ASSERT_EQUAL_UINT32(before, active_crc());
     refused(KC_CMD_APPROVE_ARM, crc, KC_ERR_STATE, KC_EVT_CMD_STATE);
-}
-
-void test_a_proposal_that_no_longer_fits_cannot_be_activated(void)
-{
-    world_calibrated();
-    uint32_t crc = world.proposal.crc;
-    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
-    APP->tables.active.crc[KC_TBL_TERMS] ^= 1u; /* cannot happen through the door: tables are locked */
-    refused(KC_CMD_APPROVE_GO, crc, KC_ERR_STATE, KC_EVT_TBL_DEPENDS);
 }
 
 /* ---- a poor proposal ---- */
@@ -364,28 +344,6 @@ void test_an_override_that_is_put_into_a_command_after_it_was_signed_is_a_forger
     world.as_sent = false;
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_FORGED));
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-}
-
-void test_an_override_names_the_crc_all_the_same_and_no_other_number_is_one(void)
-{
-    static const int32_t wrong[] = {-1, 2, INT32_MIN, INT32_MAX};
-    uint32_t crc = given_poor();
-    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc + 1, KC_OVERRIDE_FIT, 0));
-    for (uint32_t i = 0u; i < sizeof wrong / sizeof wrong[0]; i++) {
-        TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, wrong[i], 0));
-        expect_event(KC_EVT_CMD_ARG, 1, (double)wrong[i], 1.0);
-    }
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_OVERRIDE));
-}
-
-void test_an_override_of_a_good_fit_overrides_nothing(void)
-{
-    world_calibrated();
-    int32_t crc = (int32_t)world.proposal.crc;
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, crc, KC_OVERRIDE_FIT, 0));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_OVERRIDE));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ARMED));
 }
 
 void test_a_poor_proposal_is_poor_after_a_restart_too_and_armed_before_it_no_more(void)
@@ -522,43 +480,6 @@ void test_rollback_brings_the_table_before_back(void)
     TEST_ASSERT_EQUAL_UINT32(before, active_crc());
 }
 
-/* ---- loading a stored proposal ---- */
-
-static uint8_t s_image[KC_IMAGE_MAX];
-static uint32_t s_n;
-
-static void given_stored_proposal(void)
-{
-    world_calibrated();
-    s_n = world.stored[KC_STORE_PROPOSAL][0];
-    memcpy(s_image, world.store[KC_STORE_PROPOSAL][0], s_n);
-    world.stored[KC_STORE_PROPOSAL][0] = world.stored[KC_STORE_PROPOSAL][1] = 0u;
-    world.stored[KC_STORE_JOURNAL][0] = world.stored[KC_STORE_JOURNAL][1] = 0u;
-    world_restart();
-}
-
-void test_a_stored_proposal_that_is_damaged_or_belongs_to_other_tables_is_dropped(void)
-{
-    given_stored_proposal();
-    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, KC_KIN_IMAGE_MAX + 1u));
-    s_image[30] ^= 1u;
-    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    s_image[30] ^= 1u;
-    APP->tables.active.crc[KC_TBL_ARM] ^= 1u;
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    APP->tables.active.crc[KC_TBL_ARM] ^= 1u;
-    uint32_t kin = APP->tables.active.crc[KC_TBL_KIN];
-    APP->tables.active.crc[KC_TBL_KIN] = kin + 1u; /* another correction became active since */
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    APP->tables.active.crc[KC_TBL_KIN] = kc_tbl_image_crc(s_image, s_n); /* or this one */
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->review.crc);
-    APP->tables.active.crc[KC_TBL_KIN] = kin;
-    TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE,
-                          kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n)); /* one is enough */
-}
-
 /* ---- found missing by mutants ---- */
 
 static void expect_event(uint32_t id, int32_t index, double got, double want)
@@ -568,70 +489,6 @@ static void expect_event(uint32_t id, int32_t index, double got, double want)
     TEST_ASSERT_EQUAL_INT(index, e->index);
     TEST_ASSERT_EQUAL_DOUBLE(got, e->got);
     TEST_ASSERT_EQUAL_DOUBLE(want, e->want);
-}
-
-/* Whole events, as docs/EVENTS.md describes them. */
-void test_events_of_a_review_say_what_they_are_about(void)
-{
-    world_calibrated();
-    double crc = (double)world.proposal.crc, before = (double)active_crc();
-    int32_t arg = (int32_t)world.proposal.crc;
-    expect_event(KC_EVT_COR_PROPOSED, -1, crc, 8.0);
-    (void)world_do(KC_CMD_APPROVE_ARM, 5, 0, 0);
-    expect_event(KC_EVT_CMD_CRC, -1, 5.0, crc);
-    (void)world_do(KC_CMD_APPROVE_ARM, arg, 0, 0);
-    expect_event(KC_EVT_COR_ARMED, -1, crc, 0.0);
-    (void)world_do(KC_CMD_APPROVE_GO, arg, 0, 0);
-    expect_event(KC_EVT_COR_ACTIVE, -1, crc, 0.0);
-    (void)world_do(KC_CMD_ROLLBACK, 6, 0, 0);
-    expect_event(KC_EVT_CMD_CRC, -1, 6.0, crc);
-    (void)world_do(KC_CMD_ROLLBACK, arg, 0, 0);
-    expect_event(KC_EVT_COR_ROLLBACK, -1, before, 0.0);
-    (void)world_do(KC_CMD_ROLLBACK, (int32_t)active_crc(), 0, 0);
-    expect_event(KC_EVT_COR_NO_PREVIOUS, -1, 0.0, 0.0);
-}
-
-void test_events_of_a_rejection_say_what_they_are_about(void)
-{
-    world_calibrated();
-    double crc = (double)world.proposal.crc;
-    (void)world_do(KC_CMD_REJECT, 7, 0, 0);
-    expect_event(KC_EVT_CMD_CRC, -1, 7.0, crc);
-    (void)world_do(KC_CMD_REJECT, (int32_t)world.proposal.crc, 0, 0);
-    expect_event(KC_EVT_COR_REJECTED, -1, crc, 0.0);
-}
-
-void test_an_approval_expires_as_config_says_after_its_first_step(void)
-{
-    world.config.approval_timeout_us = 7000000u;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0));
-    uint64_t armed_us = APP->place.since_us;
-    for (uint32_t n_hk = world.n_hk; world.n_hk == n_hk;) { world_tick(); }
-    TEST_ASSERT_EQUAL_UINT64(7000000u - (APP->clock.now_us - armed_us), world.hk.approval_left_us);
-    TEST_ASSERT_TRUE(world.hk.approval_left_us > 0u);
-    TEST_ASSERT_EQUAL_UINT32(KC_VERDICT_CHANGE, world.hk.proposal_verdict);
-    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 100u));
-    TEST_ASSERT_EQUAL_UINT64(7000000u + TICK_US, APP->clock.now_us - armed_us);
-    expect_event(KC_EVT_COR_EXPIRED, -1, (double)world.proposal.crc, 0.0);
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_UINT64(0u, world.hk.approval_left_us);
-}
-
-void test_housekeeping_at_the_very_end_of_an_armed_approval_says_that_no_time_is_left(void)
-{
-    static kc_hk_t hk;
-    world_calibrated();
-    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0);
-    uint64_t timeout_us = world.config.approval_timeout_us;
-    for (uint64_t beyond_us = 0u; beyond_us < 2u; beyond_us++) {
-        APP->clock.now_us = APP->place.since_us + timeout_us + beyond_us;
-        kc_review_report(&APP->review, &APP->view, &hk);
-        TEST_ASSERT_EQUAL_UINT64(0u, hk.approval_left_us);
-    }
-    APP->clock.now_us = APP->place.since_us + timeout_us - 1u;
-    kc_review_report(&APP->review, &APP->view, &hk);
-    TEST_ASSERT_EQUAL_UINT64(1u, hk.approval_left_us);
 }
 
 void test_a_proposal_without_an_observation_that_counts_has_no_residual_before(void)
@@ -938,19 +795,4 @@ void test_a_correction_accepted_on_board_is_reported_with_its_crc(void)
     world_calibrated();
     expect_event(KC_EVT_COR_ON_BOARD, -1, (double)active_crc(), 0.0);
     TEST_ASSERT_EQUAL_HEX32(world.proposal.crc, active_crc());
-}
-
-/* An image as large as there is room for is tested_early into, one byte more is not. */
-void test_a_stored_proposal_larger_than_its_room_is_not_looked_into(void)
-{
-    static kc_review_t review;
-    kc_events_t ev;
-    world_boot();
-    for (uint32_t over = 0u; over < 2u; over++) {
-        memset(&ev, 0, sizeof ev);
-        memset(world.image, 0, sizeof world.image);
-        TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_review_load(&review, &APP->tables, KC_VERDICT_CHANGE,
-                                                            world.image, KC_KIN_IMAGE_MAX + over, &ev));
-        TEST_ASSERT_EQUAL_UINT32(1u - over, ev.n);
-    }
 }

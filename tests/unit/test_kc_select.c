@@ -349,57 +349,6 @@ void test_a_calibration_that_can_hold_no_more_observations_ends_and_says_so(void
 
 /* ---- gain for its cost ---- */
 
-static double cost(uint32_t cand)
-{
-    double q[KC_JOINT_MAX];
-    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { q[j] = (double)world.space.cand[cand].q_seed[j]; }
-    return kc_cost_candidate(&APP->view, cand, q);
-}
-
-/* The longest joint of each leg at its speed: from where the arm is over the hub to the candidate. */
-static double by_hand_s(uint32_t cand)
-{
-    const float *to[2] = {world.space.hub_q[world.space.cand[cand].hub], world.space.cand[cand].q_seed};
-    double q[KC_JOINT_MAX], sum = 0.0;
-    memcpy(q, APP->view.telemetry->arm.q, sizeof q);
-    for (uint32_t leg = 0u; leg < 2u; leg++) {
-        double longest = 0.0;
-        for (uint32_t j = 0u; j < 7u; j++) {
-            longest = fmax(longest, fabs((double)to[leg][j] - q[j]) / world.arm.joint[j].speed_max);
-            q[j] = (double)to[leg][j];
-        }
-        sum += longest / world.config.speed_scale;
-    }
-    return sum;
-}
-
-void test_a_candidate_costs_its_path_and_its_stay(void)
-{
-    world.config.speed_scale = 0.5;
-    world.config.frame_s = 0.25;
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    APP->cal.candidate = -1; /* from the park pose, hub 0 */
-    APP->observe.servo_steps = 2u;
-    double stay = 3.0e-6 * (double)world.config.settle_us + (2.0 + 3.0) * 0.25, path_s = by_hand_s(5u);
-    TEST_ASSERT_TRUE(path_s > 0.1);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, path_s + stay, cost(5u));
-    APP->tables.active.config.rate_cost = KC_COST_ENERGY;
-    APP->tables.active.config.power_move_w = 60.0;
-    APP->tables.active.config.power_idle_w = 15.0;
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 60.0 * path_s + 15.0 * stay, cost(5u));
-    APP->tables.active.config.power_move_w = APP->tables.active.config.power_idle_w = 0.0;
-    TEST_ASSERT_EQUAL_DOUBLE(1e-3, cost(5u)); /* never nothing */
-    APP->tables.active.config.rate_cost = KC_COST_TIME;
-    APP->cal.candidate = 5; /* there already: only the path to its seed */
-    double direct = 0.0;
-    for (uint32_t j = 0u; j < 7u; j++) {
-        double off = fabs((double)world.space.cand[5].q_seed[j] - APP->view.telemetry->arm.q[j]);
-        direct = fmax(direct, off / world.arm.joint[j].speed_max / 0.5);
-    }
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, direct + stay, cost(5u));
-}
-
 void test_rate_ends_in_a_good_correction_by_every_measure_and_cost(void)
 {
     for (uint32_t k = 0u; k < 4u; k++) {
