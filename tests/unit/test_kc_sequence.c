@@ -1,5 +1,5 @@
 /* kc_sequence.c: from state to state by what the parts hold; the parts are set by hand. Whole calibrations:
- * test_kc_app.c. */
+ * test_app.c. */
 #include "kc_sequence.h"
 
 #include <string.h>

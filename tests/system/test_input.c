@@ -551,17 +551,6 @@ void test_silence_while_idle_is_no_matter(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_IN_SILENT));
 }
 
-void test_a_field_of_an_input_has_a_name_and_the_number_of_its_element(void)
-{
-    uint32_t element = 9u;
-    TEST_ASSERT_EQUAL_STRING("arm q_rad", kc_input_field(112, &element));
-    TEST_ASSERT_EQUAL_UINT32(3u, element);
-    TEST_ASSERT_EQUAL_STRING("pan-tilt tilt_rad", kc_input_field(203, &element));
-    TEST_ASSERT_EQUAL_UINT32(0u, element);
-    TEST_ASSERT_EQUAL_STRING("", kc_input_field(199, &element));
-    TEST_ASSERT_EQUAL_UINT32(0u, element);
-}
-
 /* Found by fuzzing: nothing checks these entries, and they are published. */
 void test_entries_beyond_the_joints_of_the_arm_are_not_taken(void)
 {

@@ -1,4 +1,4 @@
-/* kc_change.c: a change of what is in force on a store that refuses. Kills and real files: test_kc_files.c. */
+/* kc_change.c: a change of what is in force on a store that refuses. Kills and real files: test_files.c. */
 #include <string.h>
 
 #include "given_tables.h"
