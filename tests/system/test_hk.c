@@ -57,35 +57,6 @@ void test_it_reports_the_staged_table(void)
     TEST_ASSERT_EQUAL_INT(KC_STAGE_LOADING, world.hk.staged_state);
 }
 
-/* A joint reads wrong in normal operation; every observation from another posture. */
-void test_it_reports_the_verdict_of_the_monitor(void)
-{
-    world.noise_m = 5e-4;
-    world.noise_rad = 3.5e-3;
-    world_boot();
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, world.hk.mon_state);
-    TEST_ASSERT_EQUAL_INT(0, world.hk.mon_joint);
-    world.bias[2] = 0.03;
-    for (uint32_t i = 0u; i < 5u; i++) {
-        for (uint32_t j = 0u; j < 7u; j++) {
-            world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
-        }
-        world_ticks(2u);
-        world.requested = true;
-        world.frame_requested = 9000 + (int32_t)i;
-        world_tick();
-    }
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, world.hk.mon_state);
-    TEST_ASSERT_EQUAL_INT(3, world.hk.mon_joint);
-    TEST_ASSERT_TRUE((world.hk.mon_suspects >> 2u & 1u) != 0u);
-    TEST_ASSERT_EQUAL_UINT32(5u, world.hk.mon_n_obs);
-    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.03, world.hk.mon_bias);
-    TEST_ASSERT_TRUE(world.hk.mon_chance[2] > 0.5 && world.hk.mon_chance[7] == 0.0);
-    TEST_ASSERT_TRUE(world.hk.mon_sigma > 0.0 && world.hk.mon_p <= KC_MON_P);
-}
-
 void test_it_follows_a_calibration(void)
 {
     world.truth.joint[6].phi_rad = 0.1;

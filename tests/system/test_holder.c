@@ -68,15 +68,6 @@ void test_go_by_the_holder_that_armed_is_refused_and_by_another_one_is_taken(voi
     TEST_ASSERT_EQUAL_HEX32(s_crc, active_crc());
 }
 
-void test_without_the_rule_the_key_that_armed_gives_go(void)
-{
-    world.config.go_by_other_key = 0u;
-    armed();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_OTHER_KEY));
-    TEST_ASSERT_EQUAL_INT(KC_OK, by(0u, KC_CMD_APPROVE_GO, (int32_t)s_crc, 0));
-    TEST_ASSERT_EQUAL_HEX32(s_crc, active_crc());
-}
-
 void test_an_approval_that_expired_is_armed_anew_and_its_first_key_counts_no_more(void)
 {
     world.config.approval_timeout_us = 1000000u;
@@ -158,21 +149,8 @@ void test_nothing_is_said_of_holders_without_the_rule_or_without_keys(void)
 
 static int32_t stage(uint32_t signer, uint16_t kind, const void *table)
 {
-    static uint8_t image[KC_IMAGE_MAX];
-    uint32_t n = 0u;
-    (void)kc_tbl_encode(kind, table, 0u, image, sizeof image, &n);
     world.signer = signer;
-    for (uint32_t at = 0u; at < n; at += KC_CHUNK_BYTES) {
-        kc_table_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
-        memset(c, 0, sizeof *c);
-        c->kind = kind;
-        c->total = n;
-        c->offset = at;
-        c->n = n - at < KC_CHUNK_BYTES ? n - at : KC_CHUNK_BYTES;
-        memcpy(c->data, &image[at], c->n);
-        world_tick();
-    }
-    s_staged = (int32_t)kc_tbl_image_crc(image, n);
+    s_staged = world_upload(kind, world.image, given_image(kind, table, world.image));
     return by(signer, KC_CMD_TABLE_VALIDATE, kind, s_staged);
 }
 
@@ -204,9 +182,7 @@ void test_under_the_rule_a_configuration_or_correction_takes_two_holders_too(voi
     static kc_kin_t kin;
     world_boot();
     world_tick();
-    given_kin(&kin);
-    kin.arm_crc = kc_app_active(APP)->crc[KC_TBL_ARM];
-    kin.terms_crc = kc_app_active(APP)->crc[KC_TBL_TERMS];
+    world_kin(&kin);
     TEST_ASSERT_EQUAL_INT(KC_OK, stage(0u, KC_TBL_KIN, &kin));
     TEST_ASSERT_EQUAL_INT(KC_ERR_AUTH, by(0u, KC_CMD_TABLE_ACTIVATE, KC_TBL_KIN, s_staged));
     refused(KC_EVT_CMD_SAME_KEY, KC_ERR_AUTH, 1.0, 1.0);

@@ -42,19 +42,6 @@ void test_a_proposal_is_the_table_that_its_crc_names(void)
     TEST_ASSERT_EQUAL_UINT32(1u, p->kin.session);
 }
 
-void test_its_covariance_is_packed_by_rows_and_scaled_like_sigma(void)
-{
-    world_calibrated();
-    const kc_proposal_t *p = &world.proposal;
-    uint32_t k = 0u;
-    for (uint32_t i = 0u; i < 28u; i++) {
-        TEST_ASSERT_DOUBLE_WITHIN(1e-9, p->kin.sigma[i], sqrt(p->cov[k]));
-        TEST_ASSERT_TRUE(p->kin.sigma[i] > 0.0);
-        k += 28u - i;
-    }
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, p->cov[k]);
-}
-
 void test_only_requested_coefficients_change(void)
 {
     world.bias[2] = 0.0;
@@ -72,20 +59,6 @@ void test_only_requested_coefficients_change(void)
     }
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.1, p->kin.value[24]);
     TEST_ASSERT_EQUAL_UINT32(1u, p->rank);
-}
-
-void test_more_noise_than_stated_makes_sigma_larger_not_the_fit_poor(void)
-{
-    world_calibrated();
-    double quiet = world.proposal.kin.sigma[24];
-    setUp();
-    world.config.sigma_pos_min_m = 1e-6;
-    world.config.sigma_rot_min_rad = 1e-6;
-    world.config.frames_per_meas = 1u;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale_unlikely);
-    TEST_ASSERT_TRUE(quiet > 0.0);
 }
 
 /* Detections that claim to be much better than they are. */
@@ -107,22 +80,6 @@ void test_residuals_that_the_stated_noise_cannot_explain_make_the_fit_poor(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_POOR));
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP)); /* the ground decides */
     TEST_ASSERT_TRUE(world.proposal.kin.sigma[24] > 1e-4);
-}
-
-void test_two_to_three_times_the_noise_is_poor_if_the_fit_is_too_unlikely(void)
-{
-    world.spoil = boastful;
-    world.noise_m = 2e-3;
-    world.noise_rad = 8e-3;
-    world.config.sigma_pos_min_m = 8e-4;
-    world.config.sigma_rot_min_rad = 3.2e-3;
-    world.config.frames_per_meas = 1u;
-    world.config.n_poses = 24u;
-    world.config.est.outlier_p = 0.0;
-    world_calibrated();
-    TEST_ASSERT_TRUE(world.proposal.noise_scale > world.config.poor_noise_scale_unlikely);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale);
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
 }
 
 static int spoil_one;
@@ -194,17 +151,6 @@ void test_an_unlikely_fit_that_used_up_what_may_be_rejected_is_poor_with_less_no
     }
 }
 
-void test_too_few_poses_give_a_poor_verdict(void)
-{
-    world.config.n_poses = 2u;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(0u, world.proposal.dof);
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.proposal.p_fit);
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_RANK));
-    TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_HELD) > 0u);
-}
-
 void test_coefficients_without_any_effect_are_held(void)
 {
     for (uint32_t c = 0u; c < 28u; c++) { world.terms.term[c].gain = 0.0; }
@@ -245,25 +191,6 @@ void test_approval_takes_two_steps_bound_to_the_crc(void)
     TEST_ASSERT_EQUAL_UINT32(crc, active_crc());
     TEST_ASSERT_EQUAL_UINT32(before, kc_app_active(APP)->kin_prev_crc);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
-}
-
-void test_an_activation_is_stored_so_that_no_kill_between_two_writes_does_harm(void)
-{
-    world_calibrated();
-    uint32_t crc = world.proposal.crc;
-    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
-    (void)world_cmd(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
-    world_tick();
-    /* what is in force, its copy for rollback, what comes; then the journal names it */
-    const uint16_t order[] = {KC_TBL_KIN, KC_STORE_PREV, KC_TBL_KIN, KC_STORE_JOURNAL};
-    TEST_ASSERT_EQUAL_UINT32(4u, world.out.n_store);
-    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_EQUAL_UINT16(order[i], world.out.store[i].kind); }
-    TEST_ASSERT_EQUAL_UINT32(0u, world.events[KC_EVT_COR_ACTIVE]);
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(1u, world.events[KC_EVT_COR_ACTIVE]);
-    TEST_ASSERT_EQUAL_UINT16(KC_STORE_PROPOSAL, world.out.store[0].kind);
-    TEST_ASSERT_EQUAL_UINT32(0u, world.out.store[0].n);
-    TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, world.out.store[1].kind); /* its second copy */
 }
 
 void test_a_corrected_arm_needs_no_change(void)
@@ -406,27 +333,19 @@ static void waits_for_the_ground(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ON_BOARD));
 }
 
-void test_a_change_too_large_for_the_policy_waits_for_the_ground(void)
+/* Which rule: test_kc_verdict.c. */
+void test_what_the_policy_does_not_accept_waits_for_the_ground(void)
 {
-    given_policy();
-    world.config.accept_change_max_pos_m = 1e-6;
-    waits_for_the_ground();
-}
-
-void test_a_correction_too_uncertain_for_the_policy_waits_for_the_ground(void)
-{
-    given_policy();
-    world.config.accept_sigma_max_pos_m = 1e-9;
-    waits_for_the_ground();
-}
-
-void test_a_fit_too_unlikely_for_the_policy_waits_for_the_ground(void)
-{
-    given_policy();
-    world.config.sigma_pos_min_m = 1e-6; /* no floor that makes the noise observation better than it is */
-    world.config.sigma_rot_min_rad = 1e-6;
-    world.config.accept_p_fit_min = 1.0;
-    waits_for_the_ground();
+    for (uint32_t rule = 0u; rule < 3u; rule++) {
+        given_policy();
+        if (rule == 0u) { world.config.accept_change_max_pos_m = 1e-6; }
+        if (rule == 1u) { world.config.accept_sigma_max_pos_m = 1e-9; }
+        if (rule == 2u) { /* no floor that makes the noise better than it is */
+            world.config.sigma_pos_min_m = world.config.sigma_rot_min_rad = 1e-6;
+            world.config.accept_p_fit_min = 1.0;
+        }
+        waits_for_the_ground();
+    }
 }
 
 void test_without_a_policy_everything_waits_for_the_ground(void)

@@ -98,23 +98,6 @@ void test_the_correction_for_rollback_is_compared_too_and_comes_back_from_the_st
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ROLLBACK, crc, 0, 0));
 }
 
-void test_a_correction_that_changed_in_memory_comes_back_from_the_store(void)
-{
-    world_calibrated();
-    int32_t crc = (int32_t)world.proposal.crc;
-    (void)world_do(KC_CMD_APPROVE_ARM, crc, 0, 0);
-    (void)world_do(KC_CMD_APPROVE_GO, crc, 0, 0);
-    flip(&APP->tables.active.kin.value[2], 8u, 51u);
-    world_ticks(ROUND);
-    expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_KIN);
-    TEST_ASSERT_EQUAL_HEX32(0u, kc_app_active(APP)->crc[KC_TBL_KIN]);
-    TEST_ASSERT_EQUAL_HEX32((uint32_t)crc, APP->journal.last.kin_crc); /* the store still has it */
-    world_restart();
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32((uint32_t)crc, kc_app_active(APP)->crc[KC_TBL_KIN]);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
-}
-
 void test_a_correction_that_changed_in_memory_can_be_replaced_from_the_ground(void)
 {
     static kc_kin_t kin;
@@ -123,18 +106,8 @@ void test_a_correction_that_changed_in_memory_can_be_replaced_from_the_ground(vo
     flip(&APP->tables.active.kin, (uint32_t)sizeof(kc_kin_t), 700u);
     world_ticks(ROUND);
     expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_KIN);
-    given_kin(&kin);
-    kin.arm_crc = kc_app_active(APP)->crc[KC_TBL_ARM];
-    kin.terms_crc = kc_app_active(APP)->crc[KC_TBL_TERMS];
-    uint32_t n = given_image(KC_TBL_KIN, &kin, world.image);
-    int32_t crc = (int32_t)kc_tbl_image_crc(world.image, n);
-    for (uint32_t at = 0u; at < n; at += KC_CHUNK_BYTES) {
-        uint32_t left = n - at, part = left < KC_CHUNK_BYTES ? left : KC_CHUNK_BYTES;
-        world.in.chunk[0] = (kc_table_chunk_t){.kind = KC_TBL_KIN, .total = n, .offset = at, .n = part};
-        memcpy(world.in.chunk[0].data, &world.image[at], part);
-        world.in.n_chunk = 1u;
-        world_tick();
-    }
+    world_kin(&kin);
+    int32_t crc = world_upload(KC_TBL_KIN, world.image, given_image(KC_TBL_KIN, &kin, world.image));
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_VALIDATE, KC_TBL_KIN, crc, 0));
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_ACTIVATE, KC_TBL_KIN, crc, 0));
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
@@ -153,19 +126,6 @@ void test_a_flipped_bit_of_an_observation_ends_the_calibration_and_a_new_one_may
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
     for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
-}
-
-void test_a_table_that_is_replaced_while_it_is_compared_is_no_fault(void)
-{
-    world_calibrated();
-    int32_t crc = (int32_t)world.proposal.crc;
-    for (uint32_t i = 0u; i < 2u * ROUND; i++) { /* at every place of the comparison */
-        (void)world_do(KC_CMD_APPROVE_ARM, crc, 0, 0);
-        if (kc_app_state(APP) == KC_ST_ARMED) { (void)world_do(KC_CMD_APPROVE_GO, crc, 0, 0); }
-        (void)world_do(KC_CMD_ROLLBACK, crc, 0, 0);
-        world_tick();
-    }
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MEMORY_TABLE));
 }
 
 void test_a_fault_in_the_step_that_asks_for_storing_makes_nothing_of_it(void)

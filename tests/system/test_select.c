@@ -365,18 +365,6 @@ void test_rate_ends_in_a_good_correction_by_every_measure_and_cost(void)
     }
 }
 
-void test_rate_takes_less_time_for_its_poses_than_the_gain_alone(void)
-{
-    uint64_t took_us[2];
-    for (uint32_t k = 0u; k < 2u; k++) {
-        given_informed(k == 0u ? KC_ACQ_DOPT : KC_ACQ_RATE, ANY, ANY, 0.0);
-        world.config.n_poses = 12u;
-        world_calibrated();
-        took_us[k] = world.now_us;
-    }
-    TEST_ASSERT_TRUE(took_us[1] < took_us[0]);
-}
-
 /* ---- what the camera chain leaves ---- */
 
 static uint32_t warned(double stop_pos_m, uint8_t frame, double plate_m, double mast_m)

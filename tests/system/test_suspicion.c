@@ -81,65 +81,6 @@ static double worst_offset(const double *coef)
     return worst;
 }
 
-/* ---- which coefficients ---- */
-
-void test_the_offset_of_a_joint_is_what_moves_the_tool_as_the_joint_does(void)
-{
-    world_boot();
-    kc_active_t *a = &APP->tables.active;
-    const uint64_t all = ~(uint64_t)0u;
-    TEST_ASSERT_EQUAL_UINT64(0u, kc_suspicion_offsets(a, 0u, all));
-    TEST_ASSERT_EQUAL_UINT64(1u, kc_suspicion_offsets(a, 1u, all));
-    TEST_ASSERT_EQUAL_UINT64(1ull << 8 | 1ull << 24, kc_suspicion_offsets(a, 0x44u, all));
-    TEST_ASSERT_EQUAL_UINT64(1ull << 24, kc_suspicion_offsets(a, 0x44u, ~(1ull << 8)));
-    TEST_ASSERT_EQUAL_UINT64(0u, kc_suspicion_offsets(a, 0x80u, all)); /* the arm has no eighth joint */
-    a->arm.joint[2].type = KC_PRISMATIC; /* it moves along its axis: the fourth coefficient, tz */
-    TEST_ASSERT_EQUAL_UINT64(1ull << 11, kc_suspicion_offsets(a, 0x4u, all));
-    for (uint32_t i = 0u; i < a->terms.n_term; i++) { a->terms.term[i].basis[i % 2u].var = KC_VAR_Q; }
-    TEST_ASSERT_EQUAL_UINT64(0u, kc_suspicion_offsets(a, 0x7fu, all)); /* gains are no offsets */
-}
-
-/* ---- the prior ---- */
-
-void test_the_prior_is_the_mixture_of_the_bounds_and_of_what_is_known(void)
-{
-    const double chance[KC_JOINT_MAX] = {0.0, 0.25, 1.0, 0.75, 0.0, 0.0, 0.0, 0.0};
-    given_named(chance);
-    kc_active_t *a = &APP->tables.active;
-    kc_est_t *e = &APP->est;
-    a->config.rest_part = 0.02;
-    a->kin.sigma[5] = 0.05 * a->terms.coef[5].scale; /* known worse than that from the last calibration */
-    a->kin.sigma[6] = 1e3; /* no worse than its bounds */
-    e->opt = a->config.est;
-    kc_suspicion_begin(e, &APP->view, &APP->monitoring.suspects, &world.out);
-    TEST_ASSERT_EQUAL_UINT8(1u, e->by_prior);
-    TEST_ASSERT_EQUAL_PTR(a->kin.value, e->prior_mean);
-    for (uint32_t c = 0u; c < 28u; c++) {
-        const kc_coef_t *k = &a->terms.coef[c];
-        double narrow = 0.02 * k->scale, wide = (k->ub - k->lb) / sqrt(12.0),
-               p = c % 4u == 0u ? chance[c / 4u] : 0.0;
-        if (c == 5u) { narrow = 0.05 * k->scale; }
-        if (c == 6u) { narrow = wide; }
-        double want = sqrt(p * wide * wide + (1.0 - p) * narrow * narrow);
-        TEST_ASSERT_DOUBLE_WITHIN(1e-12, want, e->prior_sigma[c]);
-        TEST_ASSERT_TRUE(e->prior_sigma[c] <= wide * (1.0 + 1e-12));
-    }
-}
-
-void test_a_coefficient_with_a_prior_of_its_own_is_never_less_certain_than_that(void)
-{
-    given_certain(3u);
-    kc_active_t *a = &APP->tables.active;
-    a->terms.coef[PHI(3u)].prior_sigma = 0.02;
-    a->terms.coef[1].prior_sigma = 1e-5;
-    kc_est_t *e = &APP->est;
-    e->opt = a->config.est;
-    e->opt.use_prior = 1u;
-    kc_suspicion_begin(e, &APP->view, &APP->monitoring.suspects, &world.out);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.02, e->prior_sigma[PHI(3u)]);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1e-5, e->prior_sigma[1]);
-}
-
 /* ---- START ---- */
 
 static void refused(double named)

@@ -1,6 +1,7 @@
-/* kc_pantilt.c: commands inside the limits, and waiting until the unit is there. Aiming: test_kc_camera.c. */
+/* kc_pantilt.c: commands inside the limits, and waiting until the unit is there. Where the tool is seen: test_kc_camera.c. */
 #include "kc_pantilt.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "given_parts.h"
@@ -88,4 +89,46 @@ void test_a_unit_that_takes_too_long_ends_the_calibration(void)
     TEST_ASSERT_EQUAL_INT(KC_CAUSE_PANTILT_LATE, end.cause);
     TEST_ASSERT_EQUAL_UINT8(0u, parts.out.has_pantilt_cmd);
     expect_event(KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_PANTILT, MOVE_US + 1.0, 0.0);
+}
+
+/* To where the tool is expected, shifted along one axis. */
+void test_the_pantilt_unit_is_aimed_at_the_shifted_tool(void)
+{
+    for (uint32_t axis = 0u; axis < 3u; axis++) {
+        kc_pose_t T;
+        double off_m[3] = {0.0}, pan = 0.0, tilt = 0.0, pan0 = 0.0, tilt0 = 0.0;
+        const kc_camera_t *c = &parts.tables.active.camera;
+        off_m[axis] = 0.05;
+        kc_view_expect(&parts.view, parts.telemetry.arm.q, &T);
+        (void)kc_camera_aim(c, T.p_m, &pan0, &tilt0);
+        T.p_m[axis] += 0.05;
+        (void)kc_camera_aim(c, T.p_m, &pan, &tilt);
+        TEST_ASSERT_TRUE(fabs(pan - pan0) + fabs(tilt - tilt0) > 1e-3);
+        s_unit.pan_rad = 1.0; /* so that it turns */
+        kc_pantilt_aim(&s_unit, &parts.view, &parts.out, parts.telemetry.arm.q, off_m);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, pan, parts.out.pantilt_cmd.pan_rad);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, tilt, parts.out.pantilt_cmd.tilt_rad);
+    }
+}
+
+void test_a_tool_near_the_middle_of_the_image_needs_no_turn(void)
+{
+    static const double none[3] = {0.0},
+                        off[][2] = {{0.0, 0.0}, {0.99, 0.0}, {0.0, -0.99}, {1.01, 0.0}, {0.0, -1.01}};
+    kc_pose_t T;
+    double pan = 0.0, tilt = 0.0;
+    kc_view_expect(&parts.view, parts.telemetry.arm.q, &T);
+    (void)kc_camera_aim(&parts.tables.active.camera, T.p_m, &pan, &tilt);
+    kc_camera_t *c = &parts.tables.active.camera;
+    for (uint32_t i = 0u; i < 15u; i++) { /* 1/40 of the view: of its height, of its width, of a long lens */
+        const uint32_t width = i < 5u ? 1920u : 540u;
+        const double f = i < 10u ? 1397.0 : 13970.0, most = (i < 5u ? 1080.0 : 540.0) / f / 40.0;
+        c->width_px = width;
+        c->fx_px = c->fy_px = f;
+        memset(&parts.out, 0, sizeof parts.out);
+        s_unit.pan_rad = pan + most * off[i % 5u][0];
+        s_unit.tilt_rad = tilt + most * off[i % 5u][1];
+        kc_pantilt_aim(&s_unit, &parts.view, &parts.out, parts.telemetry.arm.q, none);
+        TEST_ASSERT_EQUAL_UINT8(i % 5u < 3u ? 0u : 1u, parts.out.has_pantilt_cmd);
+    }
 }

@@ -57,6 +57,7 @@ static void aborted(int32_t pose, kc_cause_t cause)
     TEST_ASSERT_TRUE(at >= 0);
     TEST_ASSERT_EQUAL_INT32(pose, s_out.events.e[at].index);
     TEST_ASSERT_EQUAL_DOUBLE((double)cause, s_out.events.e[at].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_out.events.e[at].want);
     TEST_ASSERT_TRUE(s_out.has_arm_cmd && s_out.arm_cmd.hold);
     TEST_ASSERT_EQUAL_INT(KC_FRAME_NONE, APP->request.frame);
 }
