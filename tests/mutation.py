@@ -153,11 +153,14 @@ class Programs:
         self.patience_s = patience_s
         text = subprocess.check_output(["ninja", "-C", BUILT, "-t", "compdb"], text=True)
         self.compile = {}
+        self.folders: dict[str, Path] = {}  # of each test's objects
         objects = []
         for entry in json.loads(text):
             output = BUILT / entry["output"]
             if not entry["output"].endswith(".o") or not output.exists() or "ground" in entry["output"]:
                 continue
+            if match := re.match(r"tests/\w+/CMakeFiles/(test_\w+)\.dir/", entry["output"]):
+                self.folders[match[1]] = BUILT / match[0]
             path = os.path.relpath(Path(entry["directory"], entry["file"]).resolve(), ROOT)
             if re.search(r"CMakeFiles/kc_\w+\.dir", entry["output"]):
                 self.compile[path] = entry["command"]
@@ -180,7 +183,6 @@ class Programs:
         self.where = {
             test: self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms for test in own(p)
         }
-        self.folders = {p.stem: p for p in BUILT.glob("tests/*/CMakeFiles/test_*.dir")}
         self.tests = sorted(self.folders)
         self.defines, self.wants = symbols([*objects, *map(str, GIVEN)])
         self.reached: dict[str, set[str]] = {}

@@ -143,20 +143,6 @@ void test_numbers_wrap(void)
     refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
 }
 
-void test_a_kind_of_table_with_more_than_16_bits_is_no_other_kind(void)
-{
-    const int32_t kinds[] = {65536 + 4, -65532, 0, (int32_t)KC_TBL_COUNT};
-    given_idle();
-    for (uint32_t i = 0u; i < 4u; i++) {
-        (void)world_cmd(KC_CMD_TABLE_VALIDATE, kinds[i], 0, 0);
-        refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-        (void)world_cmd(KC_CMD_TABLE_ACTIVATE, kinds[i], 0, 0);
-        refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-        (void)world_cmd(KC_CMD_TABLE_DUMP, kinds[i], 0, 0);
-        refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-    }
-}
-
 void test_numbers_are_kept_for_each_source_and_count_only_without_a_signature(void)
 {
     given_idle();
@@ -250,33 +236,6 @@ void test_a_start_that_waited_with_an_abort_is_refused_in_a_later_step(void)
     refused(KC_ERR_STALE, KC_EVT_CMD_REPLAYED);
 }
 
-void test_abort_stops_what_changes_what_is_in_force_and_nothing_else(void)
-{
-    static const int32_t all[] = {KC_CMD_NOOP,           KC_CMD_APPROVE_ARM,   KC_CMD_APPROVE_GO,
-                                  KC_CMD_REJECT,         KC_CMD_ROLLBACK,      KC_CMD_TABLE_VALIDATE,
-                                  KC_CMD_TABLE_ACTIVATE, KC_CMD_TABLE_DISCARD, KC_CMD_TABLE_DUMP};
-    for (uint32_t i = 0u; i < sizeof all / sizeof all[0]; i++) {
-        given_world();
-        given_idle();
-        bool stops = all[i] == KC_CMD_APPROVE_ARM || all[i] == KC_CMD_APPROVE_GO ||
-                     all[i] == KC_CMD_ROLLBACK || all[i] == KC_CMD_TABLE_ACTIVATE;
-        (void)world_cmd(KC_CMD_ABORT, 0, 0, 0);
-        (void)world_cmd(all[i], KC_TBL_CONFIG, 0, 0);
-        world_tick();
-        TEST_ASSERT_EQUAL_INT(all[i], world.ack.opcode);
-        TEST_ASSERT_EQUAL_INT(stops, world.ack.event_id == KC_EVT_CMD_ABORTED);
-    }
-}
-
-void test_an_unknown_opcode_is_refused(void)
-{
-    given_idle();
-    (void)world_cmd(11, 0, 0, 0);
-    refused(KC_ERR_ARG, KC_EVT_CMD_UNKNOWN);
-    (void)world_cmd(-1, 0, 0, 0);
-    refused(KC_ERR_ARG, KC_EVT_CMD_UNKNOWN);
-}
-
 void test_more_commands_than_one_step_takes_are_left_out(void)
 {
     given_idle();
@@ -288,34 +247,6 @@ void test_more_commands_than_one_step_takes_are_left_out(void)
 
 /* ---- START ---- */
 
-void test_start_with_bad_arguments_is_refused(void)
-{
-    given_idle();
-    (void)world_cmd(KC_CMD_START, KC_ACQ_COUNT, 0, 0);
-    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-    TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CMD_ARG].index);
-    TEST_ASSERT_EQUAL_DOUBLE(5.0, world.last[KC_EVT_CMD_ARG].got);
-    TEST_ASSERT_EQUAL_DOUBLE(4.0, world.last[KC_EVT_CMD_ARG].want);
-    (void)world_cmd(KC_CMD_START, -2, 0, 0);
-    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-    (void)world_cmd(KC_CMD_START, -1, 65, 0);
-    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CMD_ARG].index);
-    (void)world_cmd(KC_CMD_START, -1, -1, 0);
-    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-    world_cmd(KC_CMD_START, -1, 0, 0)->arg_u64 = 1ull << 28; /* there is no such coefficient */
-    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-    TEST_ASSERT_EQUAL_INT(4, world.last[KC_EVT_CMD_ARG].index);
-}
-
-void test_start_with_nothing_to_estimate_is_refused(void)
-{
-    for (uint32_t c = 0u; c < 28u; c++) { world.terms.coef[c].enabled = 0u; }
-    given_idle();
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
-}
-
 void test_start_takes_its_arguments(void)
 {
     given_idle();
@@ -325,44 +256,6 @@ void test_start_takes_its_arguments(void)
     TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, APP->cal.acq);
     TEST_ASSERT_EQUAL_UINT64(0xffu, APP->est.opt.free_mask);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_START));
-}
-
-void test_start_without_all_tables_is_refused(void)
-{
-    kc_app_init(APP);
-    kc_app_keys(APP, &world.keys);
-    s_n = given_image(KC_TBL_ARM, &world.arm, s_image);
-    (void)kc_app_load(APP, KC_TBL_ARM, s_image, s_n);
-    kc_app_boot(APP);
-    world_tick();
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    refused(KC_ERR_STATE, KC_EVT_TBL_MISSING);
-}
-
-void test_start_without_a_living_arm_and_pantilt_is_refused(void)
-{
-    world_boot();
-    world.arm_silent = true;
-    world_tick();
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    refused(KC_ERR_STATE, KC_EVT_IN_SILENT);
-    TEST_ASSERT_EQUAL_INT(KC_INPUT_ARM, world.last[KC_EVT_IN_SILENT].index);
-    world.arm_silent = false;
-    world_tick();
-    world.pantilt_silent = true;
-    world_ticks(25u);
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    refused(KC_ERR_STATE, KC_EVT_IN_SILENT);
-    TEST_ASSERT_EQUAL_INT(KC_INPUT_PANTILT, world.last[KC_EVT_IN_SILENT].index);
-}
-
-void test_start_with_an_arm_fault_is_refused(void)
-{
-    world_boot();
-    world.fault = 1;
-    world_ticks(2u);
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    refused(KC_ERR_STATE, KC_EVT_ARM_FAULT);
 }
 
 void test_start_away_from_every_verified_place_is_refused(void)
@@ -380,29 +273,6 @@ void test_start_away_from_every_verified_place_is_refused(void)
 }
 
 /* ---- commands in the wrong state ---- */
-
-void test_commands_in_the_wrong_state_are_refused(void)
-{
-    const int32_t when_idle[] = {KC_CMD_APPROVE_ARM, KC_CMD_APPROVE_GO, KC_CMD_REJECT};
-    const int32_t when_moving[] = {KC_CMD_START, KC_CMD_APPROVE_ARM, KC_CMD_APPROVE_GO, KC_CMD_REJECT,
-                                   KC_CMD_ROLLBACK};
-    given_idle();
-    for (uint32_t i = 0u; i < 3u; i++) {
-        (void)world_cmd(when_idle[i], 0, 0, 0);
-        refused(KC_ERR_STATE, KC_EVT_CMD_STATE);
-        TEST_ASSERT_EQUAL_INT(when_idle[i], world.last[KC_EVT_CMD_STATE].index);
-    }
-    given_world();
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SETTLE, 200u));
-    for (uint32_t i = 0u; i < 5u; i++) {
-        int32_t state = (int32_t)kc_app_state(APP);
-        TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(when_moving[i], 0, 0, 0));
-        TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_STATE, world.ack.event_id);
-        TEST_ASSERT_TRUE(world_calibrating());
-        TEST_ASSERT_TRUE(state != KC_ST_SAFE);
-    }
-}
 
 void test_tables_cannot_change_while_a_calibration_runs(void)
 {
@@ -629,107 +499,6 @@ static void refused_for(int32_t status, uint16_t event, int32_t index, double go
     TEST_ASSERT_EQUAL_INT(index, world.last[event].index);
     TEST_ASSERT_EQUAL_DOUBLE(got, world.last[event].got);
     TEST_ASSERT_EQUAL_DOUBLE(want, world.last[event].want);
-}
-
-void test_a_start_names_the_first_table_that_is_missing(void)
-{
-    given_idle();
-    for (uint16_t kind = KC_TBL_COUNT - 1u; kind > 0u; kind--) {
-        APP->tables.active.crc[kind] = 0u;
-        (void)world_cmd(KC_CMD_START, -1, 0, 0);
-        refused_for(KC_ERR_STATE, KC_EVT_TBL_MISSING, kind, 0.0, 0.0);
-    }
-}
-
-/* What was heard this long ago still counts; one step later it does not. */
-void test_a_start_takes_arm_and_pantilt_as_alive_until_they_are_silent_for_too_long(void)
-{
-    for (int32_t who = 0; who < 2; who++) {
-        given_world();
-        given_idle();
-        *(who == 0 ? &world.arm_silent : &world.pantilt_silent) = true;
-        world_ticks(KC_SILENT_US / TICK_US);
-        (void)world_cmd(KC_CMD_START, -1, 0, 0);
-        refused_for(KC_ERR_STATE, KC_EVT_IN_SILENT, (int32_t)KC_INPUT_ARM + who,
-                    (double)(KC_SILENT_US + TICK_US), (double)KC_SILENT_US);
-        given_world();
-        given_idle();
-        *(who == 0 ? &world.arm_silent : &world.pantilt_silent) = true;
-        world_ticks(KC_SILENT_US / TICK_US - 1u);
-        (void)world_cmd(KC_CMD_START, -1, 0, 0);
-        accepted();
-    }
-}
-
-void test_a_start_with_an_arm_fault_says_which(void)
-{
-    world_boot();
-    world.fault = 6;
-    world_ticks(2u);
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    refused_for(KC_ERR_STATE, KC_EVT_ARM_FAULT, -1, 6.0, 0.0);
-}
-
-/* Each argument of START: the first value beyond its range, and the last one in it. */
-void test_a_refused_argument_is_named_with_what_came_and_the_most_there_may_be(void)
-{
-    const double can = (double)((1ull << 28) - 1u);
-    given_idle();
-    for (int32_t off = -2; off <= 5; off += 7) {
-        (void)world_cmd(KC_CMD_START, off, 3, 0);
-        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 0, off, 4.0);
-    }
-    for (int32_t off = -1; off <= 65; off += 66) {
-        (void)world_cmd(KC_CMD_START, 2, off, 0);
-        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 1, off, 64.0);
-    }
-    world_cmd(KC_CMD_START, 2, 5, 0)->arg_u64 = 3ull << 27;
-    refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 4, (double)(3ull << 27), can);
-    for (int32_t opcode = KC_CMD_TABLE_VALIDATE; opcode <= KC_CMD_TABLE_ACTIVATE; opcode++) {
-        (void)world_cmd(opcode, 0, 5, 0);
-        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 0, 0.0, (double)(KC_TBL_COUNT - 1));
-        (void)world_cmd(opcode, KC_TBL_COUNT, 5, 0);
-        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 0, (double)KC_TBL_COUNT, (double)(KC_TBL_COUNT - 1));
-        (void)world_cmd(opcode, KC_TBL_COUNT - 1, 5, 0); /* there is this kind, and nothing staged */
-        refused(KC_ERR_STATE, KC_EVT_TBL_NOT_READY);
-        (void)world_cmd(opcode, 1, 5, 0);
-        refused(KC_ERR_STATE, KC_EVT_TBL_NOT_READY);
-    }
-    (void)world_cmd(KC_CMD_START, KC_ACQ_COUNT - 1, KC_MEAS_MAX, 0);
-    accepted();
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_COUNT - 1, APP->cal.acq);
-    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, APP->plan.n_goal);
-}
-
-void test_without_arguments_a_start_takes_those_of_config(void)
-{
-    world.config.acquisition = KC_ACQ_DOPT;
-    world.config.est.free_mask = 0xf0u;
-    given_idle();
-    (void)world_cmd(KC_CMD_START, -1, 0, 7);
-    accepted();
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_DOPT, APP->cal.acq);
-    TEST_ASSERT_EQUAL_UINT32(world.config.n_poses, APP->plan.n_goal);
-    TEST_ASSERT_EQUAL_UINT64(0xf0u, APP->est.opt.free_mask);
-}
-
-void test_what_is_refused_in_a_state_is_reported_with_it(void)
-{
-    const int32_t cmds[] = {KC_CMD_TABLE_VALIDATE, KC_CMD_TABLE_ACTIVATE, KC_CMD_TABLE_DISCARD};
-    given_idle();
-    (void)world_cmd(KC_CMD_APPROVE_GO, 0, 0, 0);
-    refused_for(KC_ERR_STATE, KC_EVT_CMD_STATE, KC_CMD_APPROVE_GO, (double)KC_ST_IDLE, 0.0);
-    (void)world_cmd(11, 0, 0, 0);
-    refused_for(KC_ERR_ARG, KC_EVT_CMD_UNKNOWN, -1, 11.0, 0.0);
-    APP->place.state = KC_ST_REVIEW;
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    refused_for(KC_ERR_STATE, KC_EVT_CMD_STATE, KC_CMD_START, (double)KC_ST_REVIEW, 0.0);
-    (void)world_cmd(KC_CMD_ROLLBACK, 0, 0, 0);
-    refused_for(KC_ERR_STATE, KC_EVT_CMD_STATE, KC_CMD_ROLLBACK, (double)KC_ST_REVIEW, 0.0);
-    for (uint32_t i = 0u; i < 3u; i++) {
-        (void)world_cmd(cmds[i], KC_TBL_CONFIG, 0, 0);
-        refused_for(KC_ERR_STATE, KC_EVT_TBL_BUSY, -1, (double)KC_ST_REVIEW, 0.0);
-    }
 }
 
 /* Sent as the test made it, so that nobody signs it. */

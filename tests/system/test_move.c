@@ -161,22 +161,6 @@ void test_after_a_restart_hold_is_sent_again_while_the_arm_moves(void)
 
 /* ---- where it stands ---- */
 
-void test_it_is_at_a_node_within_its_bound_and_goes_to_its_seed_first(void)
-{
-    double dist = 0.0, seed[KC_JOINT_MAX];
-    kc_path_joints(&world.space, KC_HUB_MAX + 5u, seed);
-    memcpy(world.q, seed, sizeof seed);
-    world.q[0] += 0.2; /* 0.2 rad beside candidate 5 */
-    memcpy(world.q_cmd, world.q, sizeof world.q);
-    world_boot();
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + 5u, kc_move_node(&APP->move, &APP->view, &dist));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.2 / (1.5 + world.config.arrive_tol), dist); /* in bounds */
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
-    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(seed, world.arm_cmd.q, world.arm.n_joints);
-    TEST_ASSERT_EQUAL_UINT16(KC_HUB_MAX + 5u, APP->move.path[0]);
-}
-
 /* With 1 rad, which CONFIG took, an arm anywhere near the park pose was at it, and START moved it on a straight line that
  * nobody had verified, to a local initial pose even without a check of its clearance. */
 void test_no_config_lets_an_arm_beside_its_paths_start(void)
@@ -210,18 +194,6 @@ void test_an_arm_carried_off_between_two_poses_ends_it(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 20u));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_PATH));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_NO_PATH, world.last[KC_EVT_CAL_ABORTED].got);
-}
-
-void test_a_candidate_without_a_verified_path_is_skipped(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
-    /* tables are validated, so this takes a change behind their back */
-    memset(APP->tables.active.space.hub_edge, 0, sizeof APP->tables.active.space.hub_edge);
-    memset(APP->tables.active.space.edge, 0, sizeof APP->tables.active.space.edge);
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_NO_PATH, 20u));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
-    TEST_ASSERT_TRUE(world_calibrating());
 }
 
 /* ---- the guard ---- */

@@ -330,23 +330,6 @@ void test_suspects_are_asked_only_about_what_is_safe_by_the_bounds(void)
     TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, APP->cal.chosen_by);
 }
 
-/* ---- the end ---- */
-
-void test_a_calibration_that_can_hold_no_more_observations_ends_and_says_so(void)
-{
-    world_started();
-    for (uint32_t i = 0u; i < 5u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u)); }
-    const kc_plan_t plan = APP->plan;
-    TEST_ASSERT_TRUE(plan.n_meas < plan.n_own + plan.n_local);
-    APP->plan.n_obs = KC_MEAS_MAX;
-    kc_select_begin(&APP->arena.calibration);
-    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, select_run().id);
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_OBSERVATIONS, APP->cal.ended);
-    APP->plan.n_own = plan.n_meas - plan.n_local; /* all that were requested */
-    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, select_run().id);
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, APP->cal.ended);
-}
-
 /* ---- gain for its cost ---- */
 
 void test_rate_ends_in_a_good_correction_by_every_measure_and_cost(void)
@@ -363,51 +346,4 @@ void test_rate_ends_in_a_good_correction_by_every_measure_and_cost(void)
         TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
         TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.2, world.proposal.kin.value[24]);
     }
-}
-
-/* ---- what the camera chain leaves ---- */
-
-static uint32_t warned(double stop_pos_m, uint8_t frame, double plate_m, double mast_m)
-{
-    given_world();
-    world.camera.plate_sigma_m = plate_m;
-    world.camera.mast_sigma_m = mast_m;
-    world.config.stop_pos_m = stop_pos_m;
-    world.config.frame = frame;
-    world_started();
-    return world_events(KC_EVT_CAL_UNREACHABLE);
-}
-
-void test_a_requirement_that_the_camera_cannot_meet_is_reported_at_start(void)
-{
-    TEST_ASSERT_EQUAL_UINT32(1u, warned(0.001, KC_RIGHT_IN_CAMERA, 0.001, 0.0));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(3.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);
-    TEST_ASSERT_EQUAL_DOUBLE(0.001, world.last[KC_EVT_CAL_UNREACHABLE].want);
-    TEST_ASSERT_EQUAL_UINT32(0u, warned(0.0018, KC_RIGHT_IN_CAMERA, 0.001, 0.002));
-    TEST_ASSERT_EQUAL_UINT32(1u,
-                             warned(0.0018, KC_RIGHT_IN_LANDER, 0.001, 0.002)); /* the mast counts there */
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(15.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);
-    TEST_ASSERT_EQUAL_UINT32(0u, warned(0.0, KC_RIGHT_IN_CAMERA, 0.001, 0.0));
-}
-
-/* At 0.9 the error of tags that may be 1 mm off along each axis is below sqrt(6.251) mm. */
-void test_what_cannot_be_met_at_the_confidence_is_reported_at_start(void)
-{
-    given_world();
-    world.camera.plate_sigma_m = 0.001;
-    world.camera.plate_sigma_rad = 0.002;
-    world.config.stop_pos_m = 0.003;
-    world.config.stop_rot_rad = 0.004;
-    world.config.stop_confidence = 0.9;
-    world_started();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_UNREACHABLE));
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_UNREACHABLE].index);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.002 * sqrt(6.251388631170326), world.last[KC_EVT_CAL_UNREACHABLE].got);
-    given_world();
-    world.camera.plate_sigma_m = 0.001;
-    world.config.stop_pos_m = 0.00249;
-    world.config.stop_confidence = 0.9;
-    world_started();
-    TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CAL_UNREACHABLE].index);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.001 * sqrt(6.251388631170326), world.last[KC_EVT_CAL_UNREACHABLE].got);
 }

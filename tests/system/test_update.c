@@ -148,41 +148,7 @@ void test_a_budget_used_up_while_moving_holds_the_arm_and_proposes(void)
     TEST_ASSERT_TRUE(world.n_meas > 0u && world.n_meas < 24u);
 }
 
-void test_a_budget_does_not_cut_an_update_short(void)
-{
-    world.config.budget_us = 1000000000u;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
-    APP->tables.active.config.budget_us = 1u;
-    world_seal(KC_TBL_CONFIG);
-    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 20u) || kc_app_state(APP) == KC_ST_IDLE);
-    TEST_ASSERT_EQUAL_UINT32(1u, world.n_progress);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
-}
-
 /* ---- energy ---- */
-
-void test_energy_is_counted_by_what_moves(void)
-{
-    double want_j = 0.0;
-    world.config.power_idle_w = 10.0;
-    world.config.power_move_w = 70.0;
-    world_started();
-    while (world_calibrating()) {
-        world_tick();
-        want_j += (APP->input.telemetry.arm.moving || APP->input.telemetry.pantilt.moving ? 70.0 : 10.0) *
-                  1e-6 * (double)TICK_US;
-    }
-    world_ticks(11u);
-    TEST_ASSERT_DOUBLE_WITHIN(7.1, want_j, world.hk.energy_j); /* of the step that ended it: one tick */
-    TEST_ASSERT_TRUE(world.progress[0].energy_j > 0.0);
-    for (uint32_t k = 1u; k < world.n_progress; k++) {
-        TEST_ASSERT_TRUE(world.progress[k].energy_j > world.progress[k - 1u].energy_j);
-    }
-    double ended_j = world.hk.energy_j;
-    world_ticks(20u);
-    TEST_ASSERT_EQUAL_DOUBLE(ended_j, world.hk.energy_j);
-}
 
 void test_energy_used_up_holds_the_arm_and_proposes(void)
 {

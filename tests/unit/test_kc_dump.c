@@ -67,7 +67,7 @@ void test_a_proposal_comes_down_in_chunks_too(void)
 
 void test_what_there_is_not_is_refused(void)
 {
-    static const int32_t wrong[] = {-1, 0, KC_TBL_COUNT, KC_STORE_PREV, KC_STORE_JOURNAL};
+    static const int32_t wrong[] = {-1, 0, KC_TBL_COUNT, KC_STORE_PREV, KC_STORE_JOURNAL, (1 << 16) + 1};
     for (uint32_t i = 0u; i < sizeof wrong / sizeof wrong[0]; i++) {
         expect_refused(begin((uint32_t)wrong[i]), KC_ERR_ARG, KC_EVT_CMD_ARG, 0, (double)wrong[i], 7.0);
     }
