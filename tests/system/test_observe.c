@@ -143,6 +143,18 @@ void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
 }
 
+void test_when_the_seed_shows_nothing_either_the_candidate_is_skipped(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    APP->learned.coef[24] = 0.9;
+    APP->learned.res.pos_m = 0.0;
+    world_tick();
+    world.hide = 1000;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_CAND_SKIPPED].index);
+}
+
 /* ---- search ---- */
 
 void test_tags_out_of_view_are_found_by_turning_the_pantilt_unit(void)
