@@ -35,6 +35,7 @@ from mutants import ROOT, Count, Mutant
 
 BUILT = ROOT / "build/rel"
 WORK = ROOT / "build/mutation"
+GIVEN = (BUILT / "libgiven_world.a", BUILT / "libgiven.a")
 LEAST_SHARE = 0.95
 SAFETY = (
     "fsw/motion/kc_guard.c", "fsw/motion/kc_bounds.c", "fsw/motion/kc_path.c", "fsw/estimate/kc_monitor.c",
@@ -139,6 +140,12 @@ def room(path: str) -> str:
     return Path(path).parent.name
 
 
+def own(path: str) -> tuple[str, str]:
+    """Tests of a source: by value (tests/unit), and in the world (tests/system)."""
+    stem = Path(path).stem
+    return f"test_{stem}", f"test_{stem.removeprefix('kc_')}"
+
+
 class Programs:
     """Unit tests linked with the core as a library, before which another one may stand."""
 
@@ -146,11 +153,14 @@ class Programs:
         self.patience_s = patience_s
         text = subprocess.check_output(["ninja", "-C", BUILT, "-t", "compdb"], text=True)
         self.compile = {}
+        self.folders: dict[str, Path] = {}  # of each test's objects
         objects = []
         for entry in json.loads(text):
             output = BUILT / entry["output"]
             if not entry["output"].endswith(".o") or not output.exists() or "ground" in entry["output"]:
                 continue
+            if match := re.match(r"tests/\w+/CMakeFiles/(test_\w+)\.dir/", entry["output"]):
+                self.folders[match[1]] = BUILT / match[0]
             path = os.path.relpath(Path(entry["directory"], entry["file"]).resolve(), ROOT)
             if re.search(r"CMakeFiles/kc_\w+\.dir", entry["output"]):
                 self.compile[path] = entry["command"]
@@ -171,10 +181,10 @@ class Programs:
         self.ready: set[str] = set()
         self.rooms = re.findall(r"^ *kc_room\((\w+)", (ROOT / "fsw/CMakeLists.txt").read_text(), re.M)
         self.where = {
-            f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms
+            test: self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms for test in own(p)
         }
-        self.tests = sorted(p.stem for p in (BUILT / "tests/unit/CMakeFiles").glob("test_*.dir"))
-        self.defines, self.wants = symbols([*objects, str(BUILT / "libgiven.a")])
+        self.tests = sorted(self.folders)
+        self.defines, self.wants = symbols([*objects, *map(str, GIVEN)])
         self.reached: dict[str, set[str]] = {}
 
     def usable(self, test: str, near: bool) -> bool:
@@ -183,7 +193,7 @@ class Programs:
             return False
         with self.lock:
             if test not in self.ready:
-                self.link(BUILT / f"tests/unit/CMakeFiles/{test}.dir")
+                self.link(self.folders[test])
                 self.ready.add(test)
                 self.times.write_text(json.dumps(self.seconds))
         return near or self.seconds.get(test, 0.0) <= self.patience_s
@@ -191,10 +201,10 @@ class Programs:
     def link(self, folder: Path) -> None:
         program = WORK / folder.stem
         objects = list(folder.rglob("*.o"))
-        newest = max([o.stat().st_mtime for o in objects] + [(BUILT / "libgiven.a").stat().st_mtime])
+        newest = max(o.stat().st_mtime for o in [*objects, *GIVEN])
         if program.exists() and folder.stem in self.seconds and newest < program.stat().st_mtime:
             return
-        libraries = [BUILT / "libgiven.a", BUILT / "libunity.a"]
+        libraries = [*GIVEN, BUILT / "libunity.a"]
         mutant_first = [
             "-L" + str(WORK / "none"),
             "-Wl,--no-as-needed",
@@ -228,10 +238,15 @@ class Programs:
 
     def tests_of(self, path: str) -> list[str]:
         """Tests of the file, then of its room, then others, what has killed and the quickest first."""
-        own, least = f"test_{Path(path).stem}", self.rooms.index(room(path))
+        first, least = own(path), self.rooms.index(room(path))
         needed = [t for t in self.tests if self.needs(t, path)]
         order = {
-            t: (t != own, self.where.get(t) != least, -self.kills[room(path), t], self.seconds.get(t, 0.0))
+            t: (
+                t not in first,
+                self.where.get(t) != least,
+                -self.kills[room(path), t],
+                self.seconds.get(t, 0.0),
+            )
             for t in needed
         }
         return sorted(needed, key=order.__getitem__)
@@ -239,9 +254,9 @@ class Programs:
     def needs(self, test: str, path: str) -> bool:
         """Whether the test or what it calls refers to a symbol of the source."""
         if test not in self.reached:
-            own = [str(o) for o in (BUILT / f"tests/unit/CMakeFiles/{test}.dir").rglob("*.o")]
-            _, wants = symbols(own)
-            waiting = [symbol for object_ in own for symbol in wants[object_]]
+            objects = [str(o) for o in self.folders[test].rglob("*.o")]
+            _, wants = symbols(objects)
+            waiting = [symbol for object_ in objects for symbol in wants[object_]]
             found: set[str] = set()
             while waiting:
                 where = self.defines.get(waiting.pop())

@@ -67,7 +67,7 @@ def test_commands_of_a_wrong_key_are_refused(flight):
 def test_a_signed_command_that_was_changed_or_cut_off_is_refused(flight):
     """A bit of every byte of the packet, and packets of every length. Those that are no
     message any more are only counted. The time stamp decides when a message is due: its bits are flipped in
-    tests/unit/test_kc_signed.c."""
+    tests/system/test_signed.c."""
     whole = flight.signer.command(command(flight)).encode()
     hk_before = flight.until("KC_HK")
     sent = 0

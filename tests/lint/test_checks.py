@@ -69,6 +69,7 @@ def tree(root: Path) -> Path:
         "tests/bench/wcet.c": "int main(void) { return 0; }\n",
         "tests/bench/wcet_search.c": "int main(void) { return 0; }\n",
         "tests/unit/given_nothing.c": "",
+        "tests/system/given_nothing.c": "",
         "tests/unit/test_kc_math.c": '#include "unity.h"\n#include "kc_math.h"\n'
         "void test_four(void) { TEST_ASSERT_EQUAL_INT(4, kc_math(4)); }\n",
     }
@@ -77,7 +78,8 @@ def tree(root: Path) -> Path:
                  "fsw/musl/kc_musl_names.h", "fsw/math/kc_libm.h",
                  "tests/cross/CMakeLists.txt", "tests/cross/replay.c", "tests/cross/host.c", "ground/cdef.py",
                  "ground/lcm_files.py", "ground/message_structs.py",
-                 "tests/unit/CMakeLists.txt", "tests/unit/main.c.in"):  # fmt: skip
+                 "tests/unit/CMakeLists.txt", "tests/unit/main.c.in",
+                 "tests/system/CMakeLists.txt"):  # fmt: skip
         files[name] = (ROOT / name).read_text()
     return write(root, files)
 

@@ -5,50 +5,28 @@
 #include <math.h>
 #include <string.h>
 
-#include "given_tables.h"
+#include "given_parts.h"
 #include "kc_guard.h"
 #include "unity.h"
 
 #define RADIUS_M 0.03
 #define GROUND_M (-5.0)
 
-static kc_active_t s_tables;
-static kc_telemetry_t s_telemetry;
-static kc_learned_t s_learned;
-static kc_cal_t s_cal;
-static kc_plan_t s_plan;
-static kc_place_t s_place;
-static kc_clock_t s_clock;
-static kc_est_t s_est;
 static kc_acq_work_t s_acq;
 static kc_clear_t s_clear;
-static kc_view_t s_view;
 static float s_q[KC_JOINT_MAX];
 
 void setUp(void)
 {
-    kc_space_t *s = &s_tables.space;
-    given_arm(&s_tables.arm);
-    given_terms(&s_tables.terms);
-    given_config(&s_tables.config);
-    given_camera(&s_tables.camera);
-    given_space(s, 9u, 1u);
+    given_parts();
+    kc_space_t *s = &parts.tables.active.space;
     s->n_body = s->n_volume = 1u; /* a ball about the tool's point */
     s->body[0] = (kc_body_t){0u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, (float)RADIUS_M, 0u};
     s->volume[0] = (kc_volume_t){KC_VOL_BELOW, {0.0f, 0.0f, (float)GROUND_M}, {0.0f, 0.0f, 0.0f}, 0.0f, 0u};
-    memset(&s_learned, 0, sizeof s_learned);
     memset(&s_acq, 0, sizeof s_acq);
     memset(&s_clear, 0, sizeof s_clear);
     memset(s_q, 0, sizeof s_q);
     for (uint32_t j = 0u; j < 7u; j++) { s_q[j] = 0.1f * (float)(j + 1u); }
-    s_view = (kc_view_t){.clock = &s_clock,
-                         .place = &s_place,
-                         .tables = &s_tables,
-                         .telemetry = &s_telemetry,
-                         .cal = &s_cal,
-                         .plan = &s_plan,
-                         .learned = &s_learned,
-                         .est = &s_est};
 }
 
 /* Errors of joints 2 and 4: a, in this order. */
@@ -64,13 +42,13 @@ static void given_two_coefficients(double var, double cov)
 static void computed(void)
 {
     kc_work_t work = kc_work_unlimited();
-    TEST_ASSERT_TRUE(kc_clear_step(&s_view, s_q, &s_acq, &s_clear, &work));
+    TEST_ASSERT_TRUE(kc_clear_step(&parts.view, s_q, &s_acq, &s_clear, &work));
 }
 
 /* Height of the tool with an error of joint j (from 0): a. */
 static double height_m(uint32_t j, double a_m)
 {
-    kc_arm_t arm = s_tables.arm;
+    kc_arm_t arm = parts.tables.active.arm;
     double q[KC_JOINT_MAX];
     kc_pose_t T;
     for (uint32_t i = 0u; i < KC_JOINT_MAX; i++) { q[i] = (double)s_q[i]; }
@@ -81,7 +59,7 @@ static double height_m(uint32_t j, double a_m)
 
 static double slope(uint32_t j) { return (height_m(j, 1e-4) - height_m(j, -1e-4)) / 2e-4; }
 
-static double scale(uint32_t coef) { return s_tables.terms.coef[coef].scale; }
+static double scale(uint32_t coef) { return parts.tables.active.terms.coef[coef].scale; }
 
 void test_clearance_and_slopes_are_those_of_the_height(void)
 {
@@ -96,7 +74,7 @@ void test_clearance_and_slopes_are_those_of_the_height(void)
 void test_it_is_computed_about_the_latest_correction(void)
 {
     given_two_coefficients(1.0, 0.0);
-    s_learned.coef[14] = 0.02;
+    parts.learned.coef[14] = 0.02;
     computed();
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, height_m(3u, 0.02) - GROUND_M - RADIUS_M, s_clear.clearance_m);
 }
@@ -134,7 +112,7 @@ void test_rounding_below_zero_is_no_uncertainty(void)
 
 void test_what_has_nothing_to_touch_is_clear(void)
 {
-    s_tables.space.n_volume = 0u;
+    parts.tables.active.space.n_volume = 0u;
     given_two_coefficients(1e6, 0.0);
     computed();
     TEST_ASSERT_TRUE(isinf(s_clear.clearance_m));
@@ -159,7 +137,7 @@ void test_in_parts_it_is_the_same(void)
     memset(&s_clear, 0, sizeof s_clear);
     for (bool over = false; !over && steps < 10u; steps += over ? 0u : 1u) {
         kc_work_t work = {.most = 1u}; /* one posture a step */
-        over = kc_clear_step(&s_view, s_q, &s_acq, &s_clear, &work);
+        over = kc_clear_step(&parts.view, s_q, &s_acq, &s_clear, &work);
     }
     TEST_ASSERT_EQUAL_UINT32(3u, steps);
     TEST_ASSERT_EQUAL_MEMORY(&whole, &s_clear, sizeof whole);

@@ -1,5 +1,5 @@
 /* kc_evaluation.c: the power of the test of the active table, by hand in two coefficients. Sums over poses
- * and candidates: test_kc_propose.c. */
+ * and candidates: test_propose.c. */
 #include <string.h>
 
 #include "kc_chi2.h"

@@ -238,6 +238,10 @@ void test_residuals_that_come_from_the_operators_choice_are_no_mismatch(void)
     s_est.n_outliers = 3u;
     s_est.opt.free_mask = 0x1u; /* one coefficient of 28 */
     TEST_ASSERT_FALSE(mismatch(5u, 5u));
+    s_est.opt.free_mask = ~(uint64_t)0x8u;
+    TEST_ASSERT_FALSE(mismatch(5u, 5u));
+    s_terms.coef[3].enabled = 0u; /* by the table: nobody could request it */
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
 }
 
 /* ---- required error ---- */

@@ -1,120 +1,39 @@
-/* kc_hk.c: housekeeping once a second, with the true counters. */
-#include <string.h>
+/* kc_hk.c: what is counted, and when the next report is due. */
+#include "kc_hk.h"
 
-#include "given_world.h"
+#include "given_parts.h"
 #include "unity.h"
 
-#define APP (&kc_app_instance)
+static kc_hk_state_t s_counts;
 
 void setUp(void);
-void setUp(void) { given_world(); }
-
-void test_housekeeping_comes_with_the_first_step_and_then_once_a_second(void)
+void setUp(void)
 {
-    world_boot();
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(1u, world.n_hk);
-    world_ticks(50u);
-    TEST_ASSERT_EQUAL_UINT32(6u, world.n_hk);
-    TEST_ASSERT_EQUAL_INT(100000 + 6, world.hk.seq);
+    given_parts();
+    s_counts = (kc_hk_state_t){.seq = 40};
 }
 
-void test_it_reports_state_tables_and_counters(void)
+void test_a_report_is_due_each_second_after_the_one_before(void)
 {
-    world_boot();
-    world_tick();
-    (void)world_do(KC_CMD_NOOP, 0, 0, 0);
-    (void)world_do(99, 0, 0, 0);
-    world.in.n_rx_errors = 7u;
-    world_tick();
-    world.in.n_rx_errors = 7u;
-    for (uint32_t i = 0u; i < 10u; i++) {
-        world.in.n_rx_errors = 7u;
-        world_tick();
+    TEST_ASSERT_TRUE(kc_hk_count(&s_counts, 500000u, &parts.out));
+    TEST_ASSERT_FALSE(kc_hk_count(&s_counts, 1499999u, &parts.out));
+    TEST_ASSERT_TRUE(kc_hk_count(&s_counts, 1500000u, &parts.out));
+    TEST_ASSERT_FALSE(kc_hk_count(&s_counts, 2499999u, &parts.out));
+}
+
+void test_it_says_what_all_steps_have_brought(void)
+{
+    kc_hk_t hk = {0};
+    for (uint32_t i = 0u; i < 3u; i++) {
+        parts.out.has_meas = i != 1u;
+        parts.out.events.n = 2u * (i < 2u);
+        parts.out.events.dropped = i;
+        parts.out.events.e[1].id = (uint16_t)(100u + i);
+        (void)kc_hk_count(&s_counts, 0u, &parts.out);
     }
-    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, world.hk.state);
-    TEST_ASSERT_EQUAL_UINT32(1u, world.hk.n_cmd_ok);
-    TEST_ASSERT_EQUAL_UINT32(1u, world.hk.n_cmd_refused);
-    TEST_ASSERT_EQUAL_UINT32(7u, world.hk.n_rx_errors);
-    TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_UNKNOWN, world.hk.last_event_id);
-    TEST_ASSERT_EQUAL_UINT32(0u, world.hk.n_events_dropped);
-    TEST_ASSERT_EQUAL_MEMORY(kc_app_active(APP)->crc, world.hk.table_crc, sizeof world.hk.table_crc);
-    TEST_ASSERT_EQUAL_INT(-1, world.hk.boot_state);
-    TEST_ASSERT_EQUAL_INT(0, world.hk.staged_kind);
-}
-
-void test_it_reports_the_staged_table(void)
-{
-    world_boot();
-    world_tick();
-    world.in.n_chunk = 1u;
-    world.in.chunk[0].kind = KC_TBL_SPACE;
-    world.in.chunk[0].total = 3000u;
-    world.in.chunk[0].n = 1000u;
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_INT(KC_TBL_SPACE, world.hk.staged_kind);
-    TEST_ASSERT_EQUAL_UINT32(1000u, world.hk.staged_bytes);
-    TEST_ASSERT_EQUAL_INT(KC_STAGE_LOADING, world.hk.staged_state);
-}
-
-/* A joint reads wrong in normal operation; every observation from another posture. */
-void test_it_reports_the_verdict_of_the_monitor(void)
-{
-    world.noise_m = 5e-4;
-    world.noise_rad = 3.5e-3;
-    world_boot();
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, world.hk.mon_state);
-    TEST_ASSERT_EQUAL_INT(0, world.hk.mon_joint);
-    world.bias[2] = 0.03;
-    for (uint32_t i = 0u; i < 5u; i++) {
-        for (uint32_t j = 0u; j < 7u; j++) {
-            world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
-        }
-        world_ticks(2u);
-        world.requested = true;
-        world.frame_requested = 9000 + (int32_t)i;
-        world_tick();
-    }
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, world.hk.mon_state);
-    TEST_ASSERT_EQUAL_INT(3, world.hk.mon_joint);
-    TEST_ASSERT_TRUE((world.hk.mon_suspects >> 2u & 1u) != 0u);
-    TEST_ASSERT_EQUAL_UINT32(5u, world.hk.mon_n_obs);
-    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.03, world.hk.mon_bias);
-    TEST_ASSERT_TRUE(world.hk.mon_chance[2] > 0.5 && world.hk.mon_chance[7] == 0.0);
-    TEST_ASSERT_TRUE(world.hk.mon_sigma > 0.0 && world.hk.mon_p <= KC_MON_P);
-}
-
-void test_it_follows_a_calibration(void)
-{
-    world.truth.joint[6].phi_rad = 0.1;
-    world_calibrated();
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, world.hk.state);
-    TEST_ASSERT_EQUAL_UINT32(6u, world.hk.n_poses);
-    TEST_ASSERT_EQUAL_UINT32(6u, world.hk.n_poses_goal);
-    TEST_ASSERT_EQUAL_UINT32(6u, world.hk.n_meas);
-    TEST_ASSERT_EQUAL_UINT32(1u, world.hk.session);
-    TEST_ASSERT_EQUAL_UINT32(world.proposal.crc, world.hk.proposal_crc);
-}
-
-void test_counts_of_the_parts_are_in_the_next_report(void)
-{
-    given_world();
-    world_boot();
-    world_tick();
-    APP->observe.servo_steps = 7u;
-    APP->input.n_rejected = 3u;
-    APP->cmd_log.n_ok = 5u;
-    APP->cmd_log.n_refused = 2u;
-    APP->plan.n_goal = 11u;
-    uint32_t n = world.n_hk;
-    for (uint32_t i = 0u; i < 600u && world.n_hk == n; i++) { world_tick(); }
-    TEST_ASSERT_EQUAL_UINT32(n + 1u, world.n_hk);
-    TEST_ASSERT_EQUAL_UINT32(7u, world.hk.servo_steps);
-    TEST_ASSERT_EQUAL_UINT32(3u, world.hk.n_rejected);
-    TEST_ASSERT_EQUAL_UINT32(5u, world.hk.n_cmd_ok);
-    TEST_ASSERT_EQUAL_UINT32(2u, world.hk.n_cmd_refused);
-    TEST_ASSERT_EQUAL_UINT32(11u, world.hk.n_poses_goal);
+    kc_hk_fill(&s_counts, &hk);
+    const int32_t got[] = {hk.seq, (int32_t)hk.n_meas, (int32_t)hk.n_events, (int32_t)hk.n_events_dropped,
+                           hk.last_event_id};
+    const int32_t want[] = {41, 2, 4, 3, 101};
+    TEST_ASSERT_EQUAL_INT32_ARRAY(want, got, 5u);
 }

@@ -1,189 +1,122 @@
-/* kc_scrub.c: memory that changes by itself is found, named, and not used any more. */
+/* kc_scrub.c: memory that changes by itself is found and named; what is put in its place is no fault. */
+#include "kc_scrub.h"
+
 #include <string.h>
 
-#include "given_tables.h"
-#include "given_world.h"
+#include "given_parts.h"
+#include "kc_crc.h"
 #include "unity.h"
 
-#define APP (&kc_app_instance)
-#define ROUND 100u /* ticks in which all of the memory has been looked at */
+#define PARTS_N 9u /* kin_prev, seven tables, observations */
+
+static kc_scrub_t s_scrub;
+static kc_active_t *s_tables;
+
+static void seal(uint16_t kind)
+{
+    const void *at = kind == 0u ? &s_tables->kin_prev : kc_tbl_active_ptr(s_tables, kind);
+    s_tables->seal[kind] = kc_crc32(0u, at, kc_tbl_active_bytes(kind));
+}
 
 void setUp(void);
 void setUp(void)
 {
-    given_world();
-    world.config.n_poses = 8u;
-    world.truth.joint[6].phi_rad = 0.1;
+    given_parts();
+    s_tables = &parts.tables.active;
+    s_tables->kin_prev_crc = PARTS_CRC;
+    for (uint16_t kind = 0u; kind < KC_TBL_COUNT; kind++) { seal(kind); }
+    parts.est.n_obs = 3u;
+    memset(&s_scrub, 0, sizeof s_scrub);
 }
 
-static void flip(void *at, uint32_t n, uint32_t bit)
+static kc_outcome_t run(void) { return kc_scrub_run(&s_scrub, &parts.tables, &parts.est, &parts.out.events); }
+
+/* All parts once; the outcome that was not STAY, if there was one. */
+static kc_outcome_t round_of_parts(void)
 {
-    ((uint8_t *)at)[bit / 8u % n] ^= (uint8_t)(1u << bit % 8u);
+    kc_outcome_t found = kc_outcome(KC_OC_STAY);
+    for (uint32_t n = 0u; n < PARTS_N;) {
+        uint32_t part = s_scrub.part;
+        kc_outcome_t oc = run();
+        if (oc.id != KC_OC_STAY) { found = oc; }
+        n += s_scrub.part != part;
+    }
+    return found;
 }
 
-static void expect_safe(uint32_t event, int32_t index)
+static void expect_found(void)
 {
-    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(event));
-    TEST_ASSERT_EQUAL_INT(index, world.last[event].index);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_ABORTED));
-    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_MEMORY, world.last[KC_EVT_CAL_ABORTED].got);
-    TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+    kc_outcome_t oc = round_of_parts();
+    TEST_ASSERT_EQUAL_INT(KC_OC_ABORT, oc.id);
+    TEST_ASSERT_EQUAL_INT(KC_CAUSE_MEMORY, oc.cause);
 }
 
-void test_healthy_memory_is_left_alone_through_a_calibration_and_an_approval(void)
+static void expect_nothing(void)
 {
-    world_calibrated();
-    int32_t crc = (int32_t)world.proposal.crc;
-    (void)world_do(KC_CMD_APPROVE_ARM, crc, 0, 0);
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_GO, crc, 0, 0));
-    world_ticks(2u * ROUND);
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ROLLBACK, crc, 0, 0));
-    world_ticks(2u * ROUND);
-    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(0u,
-                             world_events(KC_EVT_MEMORY_TABLE) + world_events(KC_EVT_MEMORY_OBSERVATIONS));
+    for (uint32_t i = 0u; i < 2u; i++) { TEST_ASSERT_EQUAL_INT(KC_OC_STAY, round_of_parts().id); }
+    TEST_ASSERT_EQUAL_UINT32(0u, parts.out.events.n);
 }
 
-void test_any_flipped_bit_of_any_active_table_ends_in_safe_and_a_restart_heals_it(void)
+void test_all_of_the_memory_is_looked_at_slice_by_slice(void)
 {
-    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
-        for (uint32_t k = 0u; k < 4u; k++) {
+    uint32_t steps = 0u, slices = 1u; /* and observations */
+    for (uint16_t kind = 0u; kind < KC_TBL_COUNT; kind++) {
+        slices += (kc_tbl_active_bytes(kind) + KC_SCRUB_BYTES - 1u) / KC_SCRUB_BYTES;
+    }
+    TEST_ASSERT_TRUE(3u * sizeof(kc_obs_t) <= KC_SCRUB_BYTES);
+    do {
+        (void)run();
+    } while (++steps < 1000u && (s_scrub.part != 0u || s_scrub.at != 0u));
+    TEST_ASSERT_EQUAL_UINT32(slices, steps);
+    expect_nothing();
+}
+
+void test_any_changed_byte_of_a_table_is_found_and_the_table_no_longer_in_force(void)
+{
+    for (uint16_t kind = 0u; kind < KC_TBL_COUNT; kind++) {
+        uint32_t n = kc_tbl_active_bytes(kind),
+                 *crc = kind == 0u ? &s_tables->kin_prev_crc : &s_tables->crc[kind];
+        uint8_t *at = kind == 0u ? (uint8_t *)&s_tables->kin_prev
+                                 : (uint8_t *)kc_tbl_active_ptr(s_tables, kind);
+        for (uint32_t k = 0u; k < 3u; k++) { /* first, middle, last */
             setUp();
-            world_boot();
-            world_ticks(1u + 13u * k); /* wherever the comparison stands */
-            kc_active_t *a = &APP->tables.active;
-            uint32_t n = kc_tbl_active_bytes(kind), crc = a->crc[kind];
-            flip((void *)kc_tbl_active_ptr(a, kind), n, k * (8u * n / 4u) + 5u * k);
-            world_ticks(ROUND);
-            expect_safe(KC_EVT_MEMORY_TABLE, kind);
-            TEST_ASSERT_EQUAL_UINT32(0u, a->crc[kind]);
-            TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(KC_CMD_START, -1, 0, 0));
-            TEST_ASSERT_EQUAL_INT(KC_EVT_TBL_MISSING, world.ack.event_id);
-            world_restart();
-            world_tick();
-            TEST_ASSERT_EQUAL_UINT32(crc, a->crc[kind]);
-            TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
-            TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
+            at[k * (n - 1u) / 2u] ^= 4u;
+            expect_found();
+            expect_event(KC_EVT_MEMORY_TABLE, kind == 0u ? (int32_t)KC_STORE_PREV : (int32_t)kind,
+                         (double)(PARTS_CRC + kind), 0.0);
+            TEST_ASSERT_EQUAL_UINT32(0u, *crc);
+            TEST_ASSERT_EQUAL_HEX32(1u << kind, s_scrub.lost);
+            expect_nothing(); /* what is not in force is not looked at */
         }
     }
 }
 
-void test_a_flipped_bit_while_the_arm_moves_holds_it(void)
+void test_a_changed_observation_is_found_once(void)
 {
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SETTLE, 300u));
-    flip(&APP->tables.active.arm, (uint32_t)sizeof(kc_arm_t), 77u);
-    TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, ROUND));
-    expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_ARM);
+    (void)round_of_parts();
+    ((uint8_t *)&parts.est.obs[2])[sizeof(kc_obs_t) - 1u] ^= 1u;
+    expect_found();
+    expect_event(KC_EVT_MEMORY_OBSERVATIONS, -1, 3.0, 0.0);
+    expect_nothing();
 }
 
-void test_the_correction_for_rollback_is_compared_too_and_comes_back_from_the_store(void)
+void test_observations_that_come_or_are_dropped_are_no_fault(void)
 {
-    world_calibrated();
-    int32_t crc = (int32_t)world.proposal.crc;
-    (void)world_do(KC_CMD_APPROVE_ARM, crc, 0, 0);
-    (void)world_do(KC_CMD_APPROVE_GO, crc, 0, 0);
-    uint32_t prev = kc_app_active(APP)->kin_prev_crc;
-    flip(&APP->tables.active.kin_prev, (uint32_t)sizeof(kc_kin_t), 1000u);
-    world_ticks(ROUND);
-    expect_safe(KC_EVT_MEMORY_TABLE, (int32_t)KC_STORE_PREV);
-    TEST_ASSERT_EQUAL_HEX32(0u, kc_app_active(APP)->kin_prev_crc);
-    TEST_ASSERT_EQUAL_HEX32(prev, APP->journal.last.prev_crc); /* the store still has it */
-    TEST_ASSERT_EQUAL_HEX32((uint32_t)crc, APP->journal.last.kin_crc);
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(KC_CMD_ROLLBACK, crc, 0, 0));
-    world_restart();
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(prev, kc_app_active(APP)->kin_prev_crc);
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ROLLBACK, crc, 0, 0));
-}
-
-void test_a_correction_that_changed_in_memory_comes_back_from_the_store(void)
-{
-    world_calibrated();
-    int32_t crc = (int32_t)world.proposal.crc;
-    (void)world_do(KC_CMD_APPROVE_ARM, crc, 0, 0);
-    (void)world_do(KC_CMD_APPROVE_GO, crc, 0, 0);
-    flip(&APP->tables.active.kin.value[2], 8u, 51u);
-    world_ticks(ROUND);
-    expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_KIN);
-    TEST_ASSERT_EQUAL_HEX32(0u, kc_app_active(APP)->crc[KC_TBL_KIN]);
-    TEST_ASSERT_EQUAL_HEX32((uint32_t)crc, APP->journal.last.kin_crc); /* the store still has it */
-    world_restart();
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32((uint32_t)crc, kc_app_active(APP)->crc[KC_TBL_KIN]);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
-}
-
-void test_a_correction_that_changed_in_memory_can_be_replaced_from_the_ground(void)
-{
-    static kc_kin_t kin;
-    world_boot();
-    world_tick();
-    flip(&APP->tables.active.kin, (uint32_t)sizeof(kc_kin_t), 700u);
-    world_ticks(ROUND);
-    expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_KIN);
-    given_kin(&kin);
-    kin.arm_crc = kc_app_active(APP)->crc[KC_TBL_ARM];
-    kin.terms_crc = kc_app_active(APP)->crc[KC_TBL_TERMS];
-    uint32_t n = given_image(KC_TBL_KIN, &kin, world.image);
-    int32_t crc = (int32_t)kc_tbl_image_crc(world.image, n);
-    for (uint32_t at = 0u; at < n; at += KC_CHUNK_BYTES) {
-        uint32_t left = n - at, part = left < KC_CHUNK_BYTES ? left : KC_CHUNK_BYTES;
-        world.in.chunk[0] = (kc_table_chunk_t){.kind = KC_TBL_KIN, .total = n, .offset = at, .n = part};
-        memcpy(world.in.chunk[0].data, &world.image[at], part);
-        world.in.n_chunk = 1u;
-        world_tick();
-    }
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_VALIDATE, KC_TBL_KIN, crc, 0));
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_ACTIVATE, KC_TBL_KIN, crc, 0));
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
-}
-
-void test_a_flipped_bit_of_an_observation_ends_the_calibration_and_a_new_one_may_start(void)
-{
-    world_started();
-    for (uint32_t i = 0u; i < 4000u && APP->est.n_obs < 5u; i++) { world_tick(); }
-    world_tick(); /* the newest is sealed at the end of its step */
-    flip(&APP->est.obs[2], (uint32_t)sizeof(kc_obs_t), 333u);
-    for (uint32_t i = 0u; i < ROUND && world_calibrating(); i++) { world_tick(); }
-    expect_safe(KC_EVT_MEMORY_OBSERVATIONS, -1);
-    world_ticks(2u * ROUND);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_MEMORY_OBSERVATIONS)); /* said once */
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
-    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
-    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    (void)round_of_parts();
+    parts.est.obs[3].p_m[0] = 1.0;
+    parts.est.n_obs = 4u;
+    expect_nothing();
+    parts.est.n_obs = 0u; /* another calibration */
+    expect_nothing();
+    parts.est.obs[0].p_m[0] = 2.0;
+    parts.est.n_obs = 1u;
+    expect_nothing();
 }
 
 void test_a_table_that_is_replaced_while_it_is_compared_is_no_fault(void)
 {
-    world_calibrated();
-    int32_t crc = (int32_t)world.proposal.crc;
-    for (uint32_t i = 0u; i < 2u * ROUND; i++) { /* at every place of the comparison */
-        (void)world_do(KC_CMD_APPROVE_ARM, crc, 0, 0);
-        if (kc_app_state(APP) == KC_ST_ARMED) { (void)world_do(KC_CMD_APPROVE_GO, crc, 0, 0); }
-        (void)world_do(KC_CMD_ROLLBACK, crc, 0, 0);
-        world_tick();
-    }
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MEMORY_TABLE));
-}
-
-void test_a_fault_in_the_step_that_asks_for_storing_makes_nothing_of_it(void)
-{
-    world_calibrated();
-    uint32_t crc = world.proposal.crc, before = kc_app_active(APP)->crc[KC_TBL_KIN];
-    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
-    APP->scrub.part = KC_TBL_CONFIG; /* next in line */
-    APP->scrub.at = 0u;
-    flip(&APP->tables.active.config, (uint32_t)sizeof(kc_config_t), 4u);
-    (void)world_cmd(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
-    world_tick();
-    expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_CONFIG);
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world.ack.status);
-    world_ticks(3u);
-    TEST_ASSERT_EQUAL_UINT32(before, kc_app_active(APP)->crc[KC_TBL_KIN]);
-    world_restart();
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(before, kc_app_active(APP)->crc[KC_TBL_KIN]);
-    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    while (s_scrub.part != KC_TBL_SPACE || s_scrub.at == 0u) { (void)run(); }
+    s_tables->space.n_initial = 1u;
+    seal(KC_TBL_SPACE);
+    expect_nothing();
 }

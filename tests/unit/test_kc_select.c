@@ -1,497 +1,170 @@
-/* kc_select.c, kc_cost.c: the initial design by information, when the arm leaves the park pose, gain for its cost. */
+/* kc_select.c: what a session begins with, its budgets and its end. The choice of poses: test_select.c. */
+#include "kc_select.h"
+
 #include <math.h>
 #include <string.h>
 
-#include "given_world.h"
-#include "kc_cost.h"
-#include "kc_guard.h"
-#include "kc_select.h"
+#include "given_parts.h"
 #include "unity.h"
 
-#define APP (&kc_app_instance)
-#define N_LOCAL 9u
-#define FIRST_LOCAL ((int32_t)(world.space.n_cand - N_LOCAL))
-#define ANY 10.0 /* m: every pose is safe */
+static kc_config_t *s_config;
+static kc_camera_t *s_camera;
+static kc_arena_calibration_t s_arena;
 
-/* Errors within the bounds of the tables; local initial poses, chosen by information. */
-static void given_informed(uint8_t acq, double local_safe_m, double leave_safe_m, double power_min)
+void setUp(void);
+void setUp(void)
 {
-    given_world();
-    world.truth.joint[6].phi_rad = 0.2;
-    world.truth.joint[2].d_m += 0.02;
-    world.config.search_steps = 0u;
-    given_local_poses(N_LOCAL, 0u);
-    world.config.acquisition = acq;
-    world.config.initial_design = KC_INITIAL_INFORMATION;
-    world.config.local_safe_m = local_safe_m;
-    world.config.leave_safe_m = leave_safe_m;
-    world.config.power_min = power_min;
+    given_parts();
+    s_config = &parts.tables.active.config;
+    s_camera = &parts.tables.active.camera;
+    parts.est.terms = &parts.tables.active.terms;
 }
 
-void setUp(void) { given_informed(KC_ACQ_DOPT, ANY, ANY, 0.0); }
+/* ---- START ---- */
 
-static bool is_local(uint32_t i) { return world.meas[i].candidate >= FIRST_LOCAL; }
-
-static uint32_t locals(void)
+static void start(void)
 {
-    uint32_t n = 0u;
-    while (n < world.n_meas && is_local(n)) { n++; }
-    for (uint32_t i = n; i < world.n_meas; i++) { TEST_ASSERT_FALSE(is_local(i)); }
-    return n;
+    const kc_start_t ask = {.acq = KC_ACQ_DOPT, .n_goal = 6u};
+    kc_select_start(&parts.cal, &parts.plan, &parts.view, &ask, &parts.out);
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_START, parts.out.events.e[0].id);
 }
 
-static bool in_table_order(uint32_t n)
+void test_a_session_begins_now_and_with_nothing_of_the_one_before(void)
 {
-    bool order = true;
-    for (uint32_t i = 0u; i < n; i++) {
-        order = order && world.meas[i].candidate == FIRST_LOCAL + (int32_t)i;
-    }
-    return order;
+    const kc_cal_t want = {.session = 8u,
+                           .acq = KC_ACQ_DOPT,
+                           .start_us = PARTS_NOW_US,
+                           .energy_us = PARTS_NOW_US,
+                           .candidate = -1};
+    memset(&parts.cal, 0, sizeof parts.cal);
+    parts.cal.session = 7u;
+    parts.cal.energy_j = parts.cal.acq_value = 3.0;
+    parts.cal.ended = KC_ENDED_TIME;
+    start();
+    TEST_ASSERT_EQUAL_MEMORY(&want, &parts.cal, sizeof want);
+    TEST_ASSERT_EQUAL_UINT32(6u, parts.plan.n_goal);
+    expect_event(KC_EVT_CAL_START, 8, 6.0, KC_ACQ_DOPT);
 }
 
-/* ---- the end of the local initial poses ---- */
-
-void test_an_arm_with_nothing_to_wait_for_leaves_after_the_first_pose(void)
+/* Position and rotation that are required, in thousandths, and what the camera chain leaves; 0: nothing is said. */
+void test_a_requirement_that_the_camera_cannot_meet_is_reported(void)
 {
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(1u, locals());
-    TEST_ASSERT_EQUAL_UINT32(7u, world.n_meas); /* six requested, and one local initial pose */
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_LEAVES_PARK));
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_LEAVES_PARK].index);
-    TEST_ASSERT_EQUAL_INT(-1, world.progress[0].acquisition);
-    for (uint32_t i = 1u; i < 7u; i++) { TEST_ASSERT_EQUAL_INT(KC_ACQ_DOPT, world.progress[i].acquisition); }
-    TEST_ASSERT_EQUAL_UINT32(6u, world.progress[0].n_goal - 1u);
-    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.2, world.proposal.kin.value[24]);
-}
-
-void test_the_arm_stays_until_the_test_of_its_bounds_has_its_power(void)
-{
-    double power = 0.0;
-    given_informed(KC_ACQ_DOPT, ANY, ANY, 0.9);
-    world_calibrated();
-    uint32_t n = locals();
-    TEST_ASSERT_TRUE(n > 1u && n < N_LOCAL);
-    TEST_ASSERT_EQUAL_INT((int)n, world.last[KC_EVT_CAL_LEAVES_PARK].index);
-    power = world.last[KC_EVT_CAL_LEAVES_PARK].got;
-    TEST_ASSERT_TRUE(power >= 0.9);
-    given_informed(KC_ACQ_DOPT, ANY, ANY, power - 1e-9); /* as much as that is enough */
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(n, locals());
-    given_informed(KC_ACQ_DOPT, ANY, ANY, power + 1e-9);
-    world_calibrated();
-    TEST_ASSERT_TRUE(locals() > n);
-}
-
-void test_the_arm_stays_until_a_pose_is_predicted_safe(void)
-{
-    double sigma_m = 0.0;
-    given_informed(KC_ACQ_DOPT, ANY, 0.06, 0.0);
-    world_calibrated();
-    uint32_t n = locals();
-    TEST_ASSERT_TRUE(n > 1u && n < N_LOCAL);
-    sigma_m = world.last[KC_EVT_CAL_LEAVES_PARK].want;
-    TEST_ASSERT_TRUE(sigma_m > 0.0 && sigma_m <= 0.06);
-}
-
-/* Ground this far below the lowest candidate's tool; nothing else can touch. */
-static void given_ground(double below_m)
-{
-    kc_space_t *s = &world.space;
-    double lowest_m = (double)INFINITY;
-    for (uint32_t c = 0u; c < s->n_cand; c++) { lowest_m = fmin(lowest_m, (double)s->cand[c].p_m[2]); }
-    s->n_body = s->n_volume = 1u;
-    s->body[0] = (kc_body_t){0u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.01f, 0u};
-    s->volume[0] = (kc_volume_t){
-        KC_VOL_BELOW, {0.0f, 0.0f, (float)(lowest_m - below_m - 0.01)}, {0.0f, 0.0f, 0.0f}, 0.0f, 0u};
-}
-
-void test_the_arm_stays_until_it_stands_clear_where_it_goes(void)
-{
-    uint32_t n[2];
-    for (uint32_t i = 0u; i < 2u; i++) {
-        given_informed(KC_ACQ_DOPT, ANY, ANY, 0.0);
-        given_ground(i == 0u ? 3.0 : 0.02);
-        world_calibrated();
-        n[i] = locals();
-        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_LEAVES_PARK));
-        TEST_ASSERT_EQUAL_UINT32(n[i] + 6u, world.n_meas);
-    }
-    TEST_ASSERT_EQUAL_UINT32(1u, n[0]);
-    TEST_ASSERT_TRUE(n[1] > 1u && n[1] < N_LOCAL);
-}
-
-void test_where_nothing_is_safe_all_local_poses_are_measured_and_then_the_table_goes_on(void)
-{
-    given_informed(KC_ACQ_DOPT, ANY, 1e-9, 0.0);
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(N_LOCAL, locals());
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_LEAVES_PARK));
-    for (int32_t i = 0; i < 3; i++) { TEST_ASSERT_EQUAL_INT(i, world.meas[N_LOCAL + (uint32_t)i].candidate); }
-    TEST_ASSERT_EQUAL_UINT32(N_LOCAL + 6u, world.n_meas);
-}
-
-/* ---- which local initial pose ---- */
-
-void test_local_poses_are_taken_by_their_gain(void)
-{
-    given_informed(KC_ACQ_RATE, ANY, 1e-9, 0.0);
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(FIRST_LOCAL, world.meas[0].candidate); /* the arm is there */
-    TEST_ASSERT_FALSE(in_table_order(N_LOCAL));
-    for (uint32_t i = 2u; i < N_LOCAL - 1u; i++) {
-        TEST_ASSERT_EQUAL_INT(-1, world.progress[i].acquisition);
-        TEST_ASSERT_TRUE(world.progress[i].acquisition_value > 0.0);
-        TEST_ASSERT_TRUE(world.progress[i].acquisition_value < world.progress[i - 1u].acquisition_value);
-    }
-}
-
-void test_local_poses_that_are_not_predicted_safe_are_taken_in_their_order(void)
-{
-    given_informed(KC_ACQ_DOPT, 1e-9, 1e-9, 0.0);
-    world_calibrated();
-    TEST_ASSERT_TRUE(in_table_order(N_LOCAL));
-}
-
-void test_an_unsafe_local_pose_waits_until_it_is_safe(void)
-{
-    given_informed(KC_ACQ_DOPT, ANY, 1e-9, 0.0);
-    world_calibrated();
-    int32_t free = world.meas[1].candidate;
-    given_informed(KC_ACQ_DOPT, 0.02, 1e-9, 0.0);
-    world_calibrated();
-    TEST_ASSERT_TRUE(free != world.meas[1].candidate);
-    TEST_ASSERT_EQUAL_UINT32(N_LOCAL, locals());
-}
-
-/* ---- doubt ---- */
-
-/* Detections that contradict each other, from pose to pose. */
-static void disagree(kc_detection_t *d)
-{
-    if (kc_app_state(APP) == KC_ST_MEASURE) {
-        d->p_cam_tool_m[1] += APP->plan.n_meas % 2u == 0u ? 0.01 : -0.01;
-    }
-}
-
-/* What was measured before the doubt is measured again: as if the initial poses had been those of the table. */
-void test_doubt_begins_again_with_all_local_poses_in_their_order(void)
-{
-    world.config.power_min = 0.95;
-    world.spoil = disagree;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_DOUBT));
-    const uint32_t n = (uint32_t)world.last[KC_EVT_CAL_DOUBT].index;
-    TEST_ASSERT_TRUE(n > 1u && n < N_LOCAL);
-    TEST_ASSERT_EQUAL_UINT32(n + N_LOCAL, locals());
-    for (uint32_t i = 0u; i < N_LOCAL; i++) {
-        TEST_ASSERT_EQUAL_INT(FIRST_LOCAL + (int32_t)i, world.meas[n + i].candidate);
-        TEST_ASSERT_EQUAL_UINT32(i + 1u, world.meas[n + i].pose);
-    }
-    TEST_ASSERT_EQUAL_UINT32(world.n_meas - n, APP->est.n_obs);
-    TEST_ASSERT_TRUE(world.last[KC_EVT_CAL_DOUBT].got < 0.01);
-    TEST_ASSERT_EQUAL_DOUBLE(0.01, world.last[KC_EVT_CAL_DOUBT].want);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_LEAVES_PARK));
-}
-
-void test_without_a_solution_the_table_decides(void)
-{
-    world_started();
-    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) {
-        APP->est.opt.iter_max = 0u; /* not allowed: the estimator refuses */
-        world_tick();
-    }
-    TEST_ASSERT_EQUAL_INT(FIRST_LOCAL, world.meas[0].candidate);
-    for (uint32_t i = 0u; i < N_LOCAL; i++) {
-        TEST_ASSERT_EQUAL_INT(FIRST_LOCAL + (int32_t)i, world.meas[1u + i].candidate);
-    }
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_DOUBT));
-}
-
-void test_where_no_gain_can_be_computed_the_table_decides(void)
-{
-    world_started();
-    for (uint32_t i = 0u; i < N_LOCAL; i++) {
-        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-        APP->est.coef[2] = (double)NAN;
-        TEST_ASSERT_TRUE(world_until(KC_ST_MOVE, 400u));
-    }
-    TEST_ASSERT_EQUAL_UINT32(N_LOCAL, APP->plan.n_tried);
-    TEST_ASSERT_TRUE(in_table_order(N_LOCAL));
-}
-
-/* ---- other acquisitions ---- */
-
-void test_other_acquisitions_go_on_with_the_initial_poses_of_the_table(void)
-{
-    for (uint8_t acq = KC_ACQ_UCB; acq <= KC_ACQ_RANDOM; acq++) {
-        given_informed(acq, ANY, ANY, 0.0);
-        world_calibrated();
-        TEST_ASSERT_EQUAL_UINT32(1u, locals());
-        for (int32_t i = 0; i < 3; i++) {
-            TEST_ASSERT_EQUAL_INT(i, world.meas[1 + i].candidate);
-            TEST_ASSERT_EQUAL_INT(-1, world.progress[1 + i].acquisition);
+    static const struct {
+        double stop_m, stop_rad, confidence;
+        uint8_t frame;
+        double plate, mast, left_m, left_rad; /* the last two squared; of both kinds */
+    } cases[] = {
+        {1.0, 0.0, 0.0, KC_RIGHT_IN_CAMERA, 1.0, 0.0, 3.0, 0.0},
+        {1.8, 1.8, 0.0, KC_RIGHT_IN_CAMERA, 1.0, 2.0, 0.0, 0.0},
+        {1.8, 1.8, 0.0, KC_RIGHT_IN_LANDER, 1.0, 2.0, 15.0, 15.0}, /* the mast counts there */
+        {0.0, 0.0, 0.0, KC_RIGHT_IN_CAMERA, 1.0, 0.0, 0.0, 0.0},
+        {2.51, 2.49, 0.9, KC_RIGHT_IN_CAMERA, 1.0, 0.0, 0.0, 6.251388631170326},
+        {2.49, 2.51, 0.9, KC_RIGHT_IN_CAMERA, 1.0, 0.0, 6.251388631170326, 0.0},
+    };
+    for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) {
+        const double left[] = {cases[i].left_m, cases[i].left_rad};
+        const kc_event_t *e = &parts.out.events.e[1]; /* behind CAL_START */
+        memset(&parts.out, 0, sizeof parts.out);
+        s_config->stop_pos_m = 1e-3 * cases[i].stop_m;
+        s_config->stop_rot_rad = 1e-3 * cases[i].stop_rad;
+        s_config->stop_confidence = cases[i].confidence;
+        s_config->frame = cases[i].frame;
+        s_camera->plate_sigma_m = s_camera->plate_sigma_rad = 1e-3 * cases[i].plate;
+        s_camera->mast_sigma_m = s_camera->mast_sigma_rad = 1e-3 * cases[i].mast;
+        start();
+        for (int32_t k = 0; k < 2; k++) {
+            if (left[k] <= 0.0) { continue; }
+            TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_UNREACHABLE, e->id);
+            TEST_ASSERT_EQUAL_INT32(k, e->index);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1e-3 * sqrt(left[k]), e->got);
+            TEST_ASSERT_EQUAL_DOUBLE(k == 0 ? s_config->stop_pos_m : s_config->stop_rot_rad, e->want);
+            e++;
         }
-        TEST_ASSERT_EQUAL_INT(acq, world.progress[4].acquisition);
-        TEST_ASSERT_EQUAL_UINT32(7u, world.n_meas);
+        TEST_ASSERT_EQUAL_PTR(&parts.out.events.e[parts.out.events.n], e);
     }
 }
 
-void test_without_further_initial_poses_they_measure_all_local_ones_first(void)
+/* ---- budgets ---- */
+
+static kc_outcome_t after_s(double s, kc_state_t state)
 {
-    given_informed(KC_ACQ_UCB, ANY, ANY, 0.0);
-    world.space.n_initial = N_LOCAL;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(N_LOCAL, locals());
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_UCB, world.progress[N_LOCAL].acquisition);
+    memset(&parts.out, 0, sizeof parts.out);
+    parts.clock.now_us = PARTS_NOW_US + (uint64_t)(1e6 * s);
+    parts.place.state = state;
+    return kc_select_budget(&parts.cal, &parts.view, &parts.out);
 }
 
-void test_everything_is_estimated_until_a_proposal_is_possible(void)
+static void given_session(void)
 {
-    world_started();
-    for (uint32_t n = 1u; n <= 5u; n++) {
-        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-        TEST_ASSERT_EQUAL_INT(n < 4u, APP->est.hold_none); /* one local initial pose, and three others */
-        TEST_ASSERT_EQUAL_INT(1, APP->est.by_bounds);
+    setUp();
+    start();
+    s_config->power_idle_w = 10.0;
+    s_config->power_move_w = 70.0;
+    parts.plan.n_meas = 3u;
+}
+
+void test_energy_is_counted_by_what_moves_while_a_calibration_runs(void)
+{
+    given_session();
+    (void)after_s(2.0, KC_ST_OBSERVE);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 20.0, parts.cal.energy_j);
+    parts.telemetry.arm.moving = 1u;
+    (void)after_s(3.0, KC_ST_UPDATE);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 90.0, parts.cal.energy_j);
+    (void)after_s(5.0, KC_ST_REVIEW);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 90.0, parts.cal.energy_j);
+}
+
+void test_a_budget_that_is_used_up_ends_it_but_no_estimate(void)
+{
+    for (uint32_t energy = 0u; energy < 2u; energy++) {
+        given_session();
+        s_config->budget_us = energy ? 0u : 4000000u;
+        s_config->energy_budget_j = energy ? 40.0 : 0.0;
+        TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after_s(4.0, KC_ST_MOVE).id);
+        TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after_s(5.0, KC_ST_UPDATE).id);
+        TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, after_s(5.0, KC_ST_MOVE).id);
+        TEST_ASSERT_EQUAL_INT(energy ? KC_ENDED_ENERGY : KC_ENDED_TIME, parts.cal.ended);
+        expect_event(energy ? KC_EVT_CAL_ENERGY : KC_EVT_CAL_BUDGET, -1, energy ? 50.0 : 5e6,
+                     energy ? 40.0 : 4e6);
+        parts.plan.n_meas = 0u; /* nothing that a proposal could use */
+        kc_outcome_t oc = after_s(5.0, KC_ST_MOVE);
+        TEST_ASSERT_EQUAL_INT(KC_OC_ABORT, oc.id);
+        TEST_ASSERT_EQUAL_INT(KC_CAUSE_BUDGET, oc.cause);
     }
 }
 
-void test_the_order_of_the_table_needs_no_prior_by_bounds(void)
-{
-    world.config.initial_design = KC_INITIAL_TABLE;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(0, APP->est.by_bounds);
-    TEST_ASSERT_EQUAL_UINT32(N_LOCAL, locals());
-    TEST_ASSERT_TRUE(in_table_order(N_LOCAL));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_LEAVES_PARK));
-}
+/* ---- SELECT ---- */
 
-void test_a_choice_in_parts_is_the_same_choice(void)
+static kc_outcome_t selected(void)
 {
-    kc_out_t out;
-    given_informed(KC_ACQ_DOPT, ANY, 1e-9, 0.0);
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    TEST_ASSERT_TRUE(world_until(KC_ST_MOVE, 400u));
-    int32_t whole = APP->cal.candidate;
-    given_informed(KC_ACQ_DOPT, ANY, 1e-9, 0.0);
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    memset(&out, 0, sizeof out);
-    kc_select_begin(&APP->arena.calibration);
-    kc_outcome_t oc = kc_outcome(KC_OC_STAY);
-    uint32_t steps = 0u;
-    for (; oc.id == KC_OC_STAY && steps < 5000u; steps++) {
-        kc_work_t work = {1u, 0u}; /* one unit a step */
-        oc = kc_select_run(&APP->cal, &APP->plan, &APP->arena.calibration, &APP->rng, &APP->view, &work,
-                           &out);
-    }
-    TEST_ASSERT_EQUAL_INT(KC_OC_DONE, oc.id);
-    TEST_ASSERT_TRUE(steps > 10u);
-    TEST_ASSERT_EQUAL_INT(whole, APP->cal.candidate);
-}
-
-static kc_outcome_t select_run(void)
-{
-    static kc_out_t out;
     kc_work_t work = kc_work_unlimited();
-    memset(&out, 0, sizeof out);
-    return kc_select_run(&APP->cal, &APP->plan, &APP->arena.calibration, &APP->rng, &APP->view, &work, &out);
+    uint64_t rng = 1u;
+    kc_select_begin(&s_arena);
+    return kc_select_run(&parts.cal, &parts.plan, &s_arena, &rng, &parts.view, &work, &parts.out);
 }
 
-/* The choice by the bounds has just ended like this, for candidate 5; by the suspects only 7 may be chosen. */
-static void chosen_by_the_bounds(kc_status_t status, bool safe)
+void test_it_ends_for_the_reason_that_there_is(void)
 {
-    kc_arena_calibration_t *arena = &APP->arena.calibration;
-    memset(&arena->choice, 0, sizeof arena->choice);
-    arena->choice.part = 3u; /* INFORMATION */
-    arena->choice.eligible[7] = 1u;
-    kc_acq_begin(&(kc_acq_ask_t){.kind = KC_ACQ_COUNT}, &APP->est, &arena->acq);
-    arena->acq.status = status;
-    arena->acq.safe = safe;
-    arena->acq.best = 5u;
-    APP->cal.chosen_by = -1;
-    TEST_ASSERT_EQUAL_INT(KC_OC_DONE, select_run().id);
+    given_session();
+    parts.plan.n_meas = 6u; /* all that were requested */
+    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, selected().id);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, parts.cal.ended);
+    parts.plan.n_meas = 5u;
+    parts.plan.n_obs = KC_MEAS_MAX; /* no more can be held */
+    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, selected().id);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_OBSERVATIONS, parts.cal.ended);
+    parts.learned.ended = KC_ENDED_REQUIREMENT;
+    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, selected().id);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, parts.cal.ended);
 }
 
-/* Of the pose that the arm leaves the park pose for the clearance was checked: the suspects choose from the next on. */
-void test_suspects_are_not_asked_about_the_pose_that_the_arm_leaves_for(void)
+void test_a_skipped_candidate_is_named_and_not_chosen_again(void)
 {
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    kc_arena_calibration_t *arena = &APP->arena.calibration;
-    APP->est.by_prior = 1u;
-    APP->est.prior_mean = APP->tables.active.kin.value;
-    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) { APP->est.prior_sigma[c] = 0.01; }
-    memset(&arena->choice, 0, sizeof arena->choice);
-    arena->choice.part = 4u; /* CLEARANCE */
-    arena->choice.initial = true;
-    arena->choice.eligible[7] = 1u;
-    kc_acq_begin(&(kc_acq_ask_t){.kind = KC_ACQ_COUNT}, &APP->est, &arena->acq);
-    arena->acq.status = KC_OK;
-    arena->acq.safe = true;
-    arena->acq.best = 5u;
-    TEST_ASSERT_EQUAL_INT(KC_OC_DONE, select_run().id);
-    TEST_ASSERT_EQUAL_INT(5, APP->cal.candidate);
-}
-
-void test_suspects_are_asked_only_about_what_is_safe_by_the_bounds(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    APP->est.by_prior = 1u;
-    APP->est.prior_mean = APP->tables.active.kin.value;
-    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) { APP->est.prior_sigma[c] = 0.01; }
-    chosen_by_the_bounds(KC_OK, true);
-    TEST_ASSERT_EQUAL_INT(7, APP->cal.candidate);
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_DOPT, APP->cal.chosen_by);
-    chosen_by_the_bounds(KC_OK, false); /* nothing is safe: the most certain one */
-    TEST_ASSERT_EQUAL_INT(5, APP->cal.candidate);
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_DOPT, APP->cal.chosen_by);
-    chosen_by_the_bounds(KC_ERR_NUM, true); /* not all of them were evaluated */
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, APP->cal.chosen_by);
-}
-
-/* ---- the end ---- */
-
-void test_a_calibration_that_can_hold_no_more_observations_ends_and_says_so(void)
-{
-    world_started();
-    for (uint32_t i = 0u; i < 5u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u)); }
-    const kc_plan_t plan = APP->plan;
-    TEST_ASSERT_TRUE(plan.n_meas < plan.n_own + plan.n_local);
-    APP->plan.n_obs = KC_MEAS_MAX;
-    kc_select_begin(&APP->arena.calibration);
-    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, select_run().id);
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_OBSERVATIONS, APP->cal.ended);
-    APP->plan.n_own = plan.n_meas - plan.n_local; /* all that were requested */
-    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, select_run().id);
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, APP->cal.ended);
-}
-
-/* ---- gain for its cost ---- */
-
-static double cost(uint32_t cand)
-{
-    double q[KC_JOINT_MAX];
-    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { q[j] = (double)world.space.cand[cand].q_seed[j]; }
-    return kc_cost_candidate(&APP->view, cand, q);
-}
-
-/* The longest joint of each leg at its speed: from where the arm is over the hub to the candidate. */
-static double by_hand_s(uint32_t cand)
-{
-    const float *to[2] = {world.space.hub_q[world.space.cand[cand].hub], world.space.cand[cand].q_seed};
-    double q[KC_JOINT_MAX], sum = 0.0;
-    memcpy(q, APP->view.telemetry->arm.q, sizeof q);
-    for (uint32_t leg = 0u; leg < 2u; leg++) {
-        double longest = 0.0;
-        for (uint32_t j = 0u; j < 7u; j++) {
-            longest = fmax(longest, fabs((double)to[leg][j] - q[j]) / world.arm.joint[j].speed_max);
-            q[j] = (double)to[leg][j];
-        }
-        sum += longest / world.config.speed_scale;
-    }
-    return sum;
-}
-
-void test_a_candidate_costs_its_path_and_its_stay(void)
-{
-    world.config.speed_scale = 0.5;
-    world.config.frame_s = 0.25;
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    APP->cal.candidate = -1; /* from the park pose, hub 0 */
-    APP->observe.servo_steps = 2u;
-    double stay = 3.0e-6 * (double)world.config.settle_us + (2.0 + 3.0) * 0.25, path_s = by_hand_s(5u);
-    TEST_ASSERT_TRUE(path_s > 0.1);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, path_s + stay, cost(5u));
-    APP->tables.active.config.rate_cost = KC_COST_ENERGY;
-    APP->tables.active.config.power_move_w = 60.0;
-    APP->tables.active.config.power_idle_w = 15.0;
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 60.0 * path_s + 15.0 * stay, cost(5u));
-    APP->tables.active.config.power_move_w = APP->tables.active.config.power_idle_w = 0.0;
-    TEST_ASSERT_EQUAL_DOUBLE(1e-3, cost(5u)); /* never nothing */
-    APP->tables.active.config.rate_cost = KC_COST_TIME;
-    APP->cal.candidate = 5; /* there already: only the path to its seed */
-    double direct = 0.0;
-    for (uint32_t j = 0u; j < 7u; j++) {
-        double off = fabs((double)world.space.cand[5].q_seed[j] - APP->view.telemetry->arm.q[j]);
-        direct = fmax(direct, off / world.arm.joint[j].speed_max / 0.5);
-    }
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, direct + stay, cost(5u));
-}
-
-void test_rate_ends_in_a_good_correction_by_every_measure_and_cost(void)
-{
-    for (uint32_t k = 0u; k < 4u; k++) {
-        given_informed(KC_ACQ_RATE, 0.02, ANY, 0.9);
-        world.config.rate_measure = k % 2u == 0u ? KC_ACQ_DOPT : KC_ACQ_VOPT;
-        world.config.rate_cost = k < 2u ? KC_COST_TIME : KC_COST_ENERGY;
-        world.config.power_idle_w = 15.0;
-        world.config.power_move_w = 60.0;
-        world.config.n_poses = 8u;
-        world_calibrated();
-        TEST_ASSERT_EQUAL_INT(KC_ACQ_RATE, world.progress[world.n_meas - 1u].acquisition);
-        TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
-        TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.2, world.proposal.kin.value[24]);
-    }
-}
-
-void test_rate_takes_less_time_for_its_poses_than_the_gain_alone(void)
-{
-    uint64_t took_us[2];
-    for (uint32_t k = 0u; k < 2u; k++) {
-        given_informed(k == 0u ? KC_ACQ_DOPT : KC_ACQ_RATE, ANY, ANY, 0.0);
-        world.config.n_poses = 12u;
-        world_calibrated();
-        took_us[k] = world.now_us;
-    }
-    TEST_ASSERT_TRUE(took_us[1] < took_us[0]);
-}
-
-/* ---- what the camera chain leaves ---- */
-
-static uint32_t warned(double stop_pos_m, uint8_t frame, double plate_m, double mast_m)
-{
-    given_world();
-    world.camera.plate_sigma_m = plate_m;
-    world.camera.mast_sigma_m = mast_m;
-    world.config.stop_pos_m = stop_pos_m;
-    world.config.frame = frame;
-    world_started();
-    return world_events(KC_EVT_CAL_UNREACHABLE);
-}
-
-void test_a_requirement_that_the_camera_cannot_meet_is_reported_at_start(void)
-{
-    TEST_ASSERT_EQUAL_UINT32(1u, warned(0.001, KC_RIGHT_IN_CAMERA, 0.001, 0.0));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(3.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);
-    TEST_ASSERT_EQUAL_DOUBLE(0.001, world.last[KC_EVT_CAL_UNREACHABLE].want);
-    TEST_ASSERT_EQUAL_UINT32(0u, warned(0.0018, KC_RIGHT_IN_CAMERA, 0.001, 0.002));
-    TEST_ASSERT_EQUAL_UINT32(1u,
-                             warned(0.0018, KC_RIGHT_IN_LANDER, 0.001, 0.002)); /* the mast counts there */
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(15.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);
-    TEST_ASSERT_EQUAL_UINT32(0u, warned(0.0, KC_RIGHT_IN_CAMERA, 0.001, 0.0));
-}
-
-/* At 0.9 the error of tags that may be 1 mm off along each axis is below sqrt(6.251) mm. */
-void test_what_cannot_be_met_at_the_confidence_is_reported_at_start(void)
-{
-    given_world();
-    world.camera.plate_sigma_m = 0.001;
-    world.camera.plate_sigma_rad = 0.002;
-    world.config.stop_pos_m = 0.003;
-    world.config.stop_rot_rad = 0.004;
-    world.config.stop_confidence = 0.9;
-    world_started();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_UNREACHABLE));
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_UNREACHABLE].index);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.002 * sqrt(6.251388631170326), world.last[KC_EVT_CAL_UNREACHABLE].got);
-    given_world();
-    world.camera.plate_sigma_m = 0.001;
-    world.config.stop_pos_m = 0.00249;
-    world.config.stop_confidence = 0.9;
-    world_started();
-    TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CAL_UNREACHABLE].index);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.001 * sqrt(6.251388631170326), world.last[KC_EVT_CAL_UNREACHABLE].got);
+    given_session();
+    parts.cal.candidate = 4;
+    memset(&parts.out, 0, sizeof parts.out);
+    kc_select_skip(&parts.plan, &parts.view, &parts.out);
+    expect_event(KC_EVT_CAL_CAND_SKIPPED, 4, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_UINT8(0u, parts.plan.usable[4]);
 }

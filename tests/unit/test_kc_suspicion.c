@@ -1,92 +1,30 @@
-/* kc_suspicion.c: a calibration from what the monitor suspects. */
+/* kc_suspicion.c: the prior that the monitor's suspects give, and when it is dropped. Calibrations with it:
+ * test_suspicion.c. */
+#include "kc_suspicion.h"
+
 #include <math.h>
 #include <string.h>
 
-#include "given_small_arm.h"
-#include "given_world.h"
-#include "kc_local.h"
-#include "kc_suspicion.h"
+#include "given_parts.h"
 #include "unity.h"
 
-#define APP (&kc_app_instance)
-#define N_LOCAL 9u
-#define ANY 10.0 /* m: every pose is safe */
 #define PHI(j) (4u * (j)) /* coefficient: offset of joint j, from 0 */
 
-/* Encoders slipped by these, no other error; local initial poses chosen by information. */
-static void given_slipped(const double bias[7])
-{
-    given_world();
-    for (uint32_t j = 0u; j < 7u; j++) { world.truth.joint[j].phi_rad += bias[j]; }
-    world.config.search_steps = 0u;
-    given_local_poses(N_LOCAL, 0u);
-    world.config.acquisition = KC_ACQ_DOPT;
-    world.config.initial_design = KC_INITIAL_INFORMATION;
-    world.config.local_safe_m = ANY;
-    world.config.leave_safe_m = ANY;
-    world.config.power_min = 0.0;
-    world.noise_m = 5e-4;
-    world.noise_rad = 3.5e-3;
-}
-
-static const double FOURTH[7] = {0.0, 0.0, 0.0, 0.08, 0.0, 0.0, 0.0};
+static kc_active_t *s_tables;
+static kc_suspects_t s_suspects;
 
 void setUp(void);
-void setUp(void) { given_slipped(FOURTH); }
-
-/* Idle, and the monitor names joints with these chances, as if it had weighed them. */
-static void given_named(const double chance[KC_JOINT_MAX])
+void setUp(void)
 {
-    world_boot();
-    world_ticks(10u);
-    world.requested = true;
-    world.frame_requested = 9000;
-    world_tick(); /* its window is that of the tables in force */
-    kc_suspects_t *s = &APP->monitoring.suspects;
-    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
-        s->chance[j] = chance[j];
-        if (chance[j] > 0.5) { s->joints |= 1u << j; }
-        if (chance[j] > 0.01) { s->suspects |= 1u << j; }
-    }
+    given_parts();
+    s_tables = &parts.tables.active;
+    s_suspects = (kc_suspects_t){.joints = 8u, .suspects = 12u};
+    parts.est.opt = s_tables->config.est;
 }
-
-static void given_certain(uint32_t joint)
-{
-    double chance[KC_JOINT_MAX] = {0.0};
-    chance[joint] = 1.0;
-    given_named(chance);
-}
-
-static int32_t start(int32_t suspects)
-{
-    world_cmd(KC_CMD_START, -1, 6, 1)->arg_i[3] = suspects;
-    world_tick();
-    return world.ack.status;
-}
-
-static void to_the_end(void)
-{
-    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 6000u));
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
-}
-
-/* Largest error of the estimated offsets, over how large it may be by chance. */
-static double worst_offset(const double *coef)
-{
-    double worst = 0.0;
-    for (uint32_t j = 0u; j < 7u; j++) {
-        double truth = world.truth.joint[j].phi_rad - world.arm.joint[j].phi_rad;
-        worst = fmax(worst, fabs(coef[PHI(j)] - truth));
-    }
-    return worst;
-}
-
-/* ---- which coefficients ---- */
 
 void test_the_offset_of_a_joint_is_what_moves_the_tool_as_the_joint_does(void)
 {
-    world_boot();
-    kc_active_t *a = &APP->tables.active;
+    kc_active_t *a = s_tables;
     const uint64_t all = ~(uint64_t)0u;
     TEST_ASSERT_EQUAL_UINT64(0u, kc_suspicion_offsets(a, 0u, all));
     TEST_ASSERT_EQUAL_UINT64(1u, kc_suspicion_offsets(a, 1u, all));
@@ -99,19 +37,17 @@ void test_the_offset_of_a_joint_is_what_moves_the_tool_as_the_joint_does(void)
     TEST_ASSERT_EQUAL_UINT64(0u, kc_suspicion_offsets(a, 0x7fu, all)); /* gains are no offsets */
 }
 
-/* ---- the prior ---- */
-
 void test_the_prior_is_the_mixture_of_the_bounds_and_of_what_is_known(void)
 {
     const double chance[KC_JOINT_MAX] = {0.0, 0.25, 1.0, 0.75, 0.0, 0.0, 0.0, 0.0};
-    given_named(chance);
-    kc_active_t *a = &APP->tables.active;
-    kc_est_t *e = &APP->est;
+    kc_active_t *a = s_tables;
+    kc_est_t *e = &parts.est;
+    memcpy(s_suspects.chance, chance, sizeof chance);
     a->config.rest_part = 0.02;
     a->kin.sigma[5] = 0.05 * a->terms.coef[5].scale; /* known worse than that from the last calibration */
     a->kin.sigma[6] = 1e3; /* no worse than its bounds */
-    e->opt = a->config.est;
-    kc_suspicion_begin(e, &APP->view, &APP->monitoring.suspects, &world.out);
+    kc_suspicion_begin(e, &parts.view, &s_suspects, &parts.out);
+    expect_event(KC_EVT_CAL_SUSPECTS, -1, 8.0, 12.0);
     TEST_ASSERT_EQUAL_UINT8(1u, e->by_prior);
     TEST_ASSERT_EQUAL_PTR(a->kin.value, e->prior_mean);
     for (uint32_t c = 0u; c < 28u; c++) {
@@ -128,169 +64,32 @@ void test_the_prior_is_the_mixture_of_the_bounds_and_of_what_is_known(void)
 
 void test_a_coefficient_with_a_prior_of_its_own_is_never_less_certain_than_that(void)
 {
-    given_certain(3u);
-    kc_active_t *a = &APP->tables.active;
+    kc_active_t *a = s_tables;
+    s_suspects.chance[3] = 1.0;
     a->terms.coef[PHI(3u)].prior_sigma = 0.02;
     a->terms.coef[1].prior_sigma = 1e-5;
-    kc_est_t *e = &APP->est;
-    e->opt = a->config.est;
+    kc_est_t *e = &parts.est;
     e->opt.use_prior = 1u;
-    kc_suspicion_begin(e, &APP->view, &APP->monitoring.suspects, &world.out);
+    kc_suspicion_begin(e, &parts.view, &s_suspects, &parts.out);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.02, e->prior_sigma[PHI(3u)]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1e-5, e->prior_sigma[1]);
 }
 
-/* ---- START ---- */
-
-static void refused(double named)
+void test_a_suspicion_is_dropped_where_the_observations_cast_doubt_on_it(void)
 {
-    uint32_t session = APP->cal.session, n = world_events(KC_EVT_CAL_NO_SUSPECTS);
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, start(1));
-    TEST_ASSERT_EQUAL_INT(KC_EVT_CAL_NO_SUSPECTS, world.ack.event_id);
-    TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(KC_EVT_CAL_NO_SUSPECTS));
-    TEST_ASSERT_EQUAL_DOUBLE(named, world.last[KC_EVT_CAL_NO_SUSPECTS].got);
-    TEST_ASSERT_EQUAL_UINT32(session, APP->cal.session);
-    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, APP->place.state);
-}
-
-void test_start_with_suspects_is_refused_where_there_are_none(void)
-{
-    world_boot();
-    world_ticks(4u);
-    refused(0.0);
-    given_certain(3u);
-    APP->cal.session++; /* they were those before a calibration */
-    refused(8.0);
-    APP->cal.session--;
-    APP->tables.active.terms.coef[PHI(3u)].enabled = 0u;
-    world_seal(KC_TBL_TERMS);
-    APP->monitoring.crc[KC_TBL_TERMS] = APP->tables.active.crc[KC_TBL_TERMS];
-    refused(8.0); /* its offset would not be estimated */
-    TEST_ASSERT_EQUAL_INT(KC_OK, start(0));
-    TEST_ASSERT_EQUAL_UINT8(0u, APP->est.by_prior);
-}
-
-void test_start_is_with_suspects_or_without(void)
-{
-    given_certain(3u);
-    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, start(2));
-    TEST_ASSERT_EQUAL_INT(3, world.last[KC_EVT_CMD_ARG].index);
-    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, start(-1));
-    TEST_ASSERT_EQUAL_INT(KC_OK, start(1));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_SUSPECTS));
-    TEST_ASSERT_EQUAL_DOUBLE(8.0, world.last[KC_EVT_CAL_SUSPECTS].got);
-    TEST_ASSERT_EQUAL_DOUBLE(8.0, world.last[KC_EVT_CAL_SUSPECTS].want);
-}
-
-/* ---- a calibration ---- */
-
-void test_a_right_suspicion_is_a_good_correction_from_the_first_pose_on(void)
-{
-    given_certain(3u);
-    TEST_ASSERT_EQUAL_INT(KC_OK, start(1));
-    to_the_end();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_SUSPECTS_DROPPED));
-    for (uint32_t i = 0u; i < world.n_progress; i++) {
-        TEST_ASSERT_TRUE(worst_offset(world.progress[i].coef) < 0.006);
+    kc_est_t *e = &parts.est;
+    e->n_obs = 3u; /* 18 rows */
+    parts.plan.n_meas = 3u;
+    for (uint8_t by_prior = 0u; by_prior < 2u; by_prior++) {
+        e->by_prior = by_prior;
+        e->cost = 18.0;
+        TEST_ASSERT_FALSE(kc_suspicion_fails(e, &parts.view, &parts.out));
+        TEST_ASSERT_EQUAL_UINT8(by_prior, e->by_prior);
+        e->cost = 300.0;
+        TEST_ASSERT_TRUE((by_prior != 0u) == kc_suspicion_fails(e, &parts.view, &parts.out));
+        TEST_ASSERT_EQUAL_UINT8(0u, e->by_prior);
     }
-    setUp();
-    given_certain(3u);
-    TEST_ASSERT_EQUAL_INT(KC_OK, start(0));
-    to_the_end();
-    TEST_ASSERT_TRUE(worst_offset(world.progress[0].coef) > 0.012); /* without it one pose is not enough */
-}
-
-/* Joint 2 is named with certainty, and it is joint 4. */
-void test_a_wrong_suspicion_is_dropped_and_the_correction_is_right(void)
-{
-    given_certain(1u);
-    TEST_ASSERT_EQUAL_INT(KC_OK, start(1));
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_SUSPECTS_DROPPED, 2000u));
-    const kc_event_t *e = &world.last[KC_EVT_CAL_SUSPECTS_DROPPED];
-    TEST_ASSERT_TRUE(e->index >= 1 && e->index <= 3);
-    TEST_ASSERT_TRUE(e->got < world.config.doubt_p);
-    TEST_ASSERT_EQUAL_DOUBLE(world.config.doubt_p, e->want);
-    TEST_ASSERT_EQUAL_UINT8(0u, APP->est.by_prior);
-    TEST_ASSERT_EQUAL_INT((int)APP->est.n_obs, (int)APP->plan.n_obs); /* nothing that was measured is lost */
-    TEST_ASSERT_TRUE(APP->est.n_obs > 0u);
-    to_the_end();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_SUSPECTS_DROPPED));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
-    TEST_ASSERT_TRUE(worst_offset(world.proposal.kin.value) < 0.01);
-    TEST_ASSERT_EQUAL_UINT32(28u, world.proposal.rank);
-}
-
-/* One that is outside its bounds is stopped as without a suspicion. */
-void test_an_arm_outside_its_bounds_is_stopped_whatever_is_suspected(void)
-{
-    for (int32_t suspects = 0; suspects < 2; suspects++) {
-        setUp();
-        world.config.power_min = 0.95;
-        world.config.mismatch_pos_m = 0.02;
-        world.config.mismatch_rot_rad = 0.06;
-        world.truth.joint[2].d_m += 0.2;
-        for (uint32_t c = 0u; c < 28u; c++) {
-            world.terms.coef[c].lb *= 0.1;
-            world.terms.coef[c].ub *= 0.1;
-        }
-        given_certain(3u);
-        TEST_ASSERT_EQUAL_INT(KC_OK, start(suspects));
-        TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 6000u));
-        TEST_ASSERT_EQUAL_UINT32((uint32_t)suspects, world_events(KC_EVT_CAL_SUSPECTS_DROPPED));
-        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
-        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_LEAVES_PARK));
-    }
-}
-
-/* The suspicion is certain of every coefficient, so by it every pose would be safe at once. */
-void test_what_is_safe_is_predicted_by_the_bounds(void)
-{
-    uint32_t local[2];
-    for (uint32_t k = 0u; k < 2u; k++) {
-        setUp();
-        world.config.rest_part = 1e-6;
-        world.config.leave_safe_m = 0.004;
-        world.config.doubt_p = 1e-300; /* whatever is seen */
-        given_certain(3u);
-        TEST_ASSERT_EQUAL_INT(KC_OK, start((int32_t)k));
-        to_the_end();
-        for (local[k] = 0u; world.meas[local[k]].candidate >= (int32_t)(world.space.n_cand - N_LOCAL);) {
-            local[k]++;
-        }
-        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_SUSPECTS_DROPPED));
-    }
-    TEST_ASSERT_TRUE(local[0] > 2u);
-    TEST_ASSERT_TRUE(local[1] >= local[0]);
-}
-
-/* The power to notice an arm outside its bounds, too. */
-void test_the_power_is_that_by_the_bounds(void)
-{
-    world.config.rest_part = 1e-6;
-    world.config.doubt_p = 1e-300;
-    world.config.power_min = 0.999999;
-    given_certain(3u);
-    TEST_ASSERT_EQUAL_INT(KC_OK, start(1));
-    to_the_end();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_LEAVES_PARK));
-    for (uint32_t i = 0u; i < N_LOCAL; i++) {
-        TEST_ASSERT_TRUE(world.meas[i].candidate >= (int32_t)(world.space.n_cand - N_LOCAL));
-    }
-}
-
-void test_the_check_of_a_suspicion_is_charged(void)
-{
-    static kc_out_t out;
-    given_certain(3u);
-    TEST_ASSERT_EQUAL_INT(KC_OK, start(1));
-    TEST_ASSERT_TRUE(world_until(KC_ST_LEARN, 2000u));
-    kc_work_t work[2] = {kc_work_unlimited(), kc_work_unlimited()};
-    for (uint32_t k = 0u; k < 2u; k++) {
-        APP->est.by_prior = (uint8_t)(1u - k);
-        kc_update_begin(&APP->update);
-        (void)kc_update_learn(&APP->update, &APP->learned, &APP->est, &APP->plan, &APP->arena.calibration,
-                              &APP->view, &work[k], &out);
-    }
-    TEST_ASSERT_TRUE(work[0].used >= work[1].used + KC_LOCAL_DOUBT_COST ||
-                     work[0].used > KC_LOCAL_DOUBT_COST);
+    double p = parts.out.events.e[0].got;
+    TEST_ASSERT_TRUE(p > 0.0 && p < s_tables->config.doubt_p);
+    expect_event(KC_EVT_CAL_SUSPECTS_DROPPED, 3, p, s_tables->config.doubt_p);
 }

@@ -413,39 +413,7 @@ void test_abort_holds_the_arm_and_goes_safe_from_every_state(void)
     TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CAL_ABORTED].index);
 }
 
-void test_abort_in_review_drops_the_proposal(void)
-{
-    make_arm_wrong();
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
-    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_REJECTED));
-    TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_STORE_PROPOSAL][0]);
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->review.crc);
-}
-
-void test_after_an_abort_a_calibration_can_start_again(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
-    world_tick();
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-}
-
 /* ---- found missing by mutants ---- */
-
-void test_an_abort_is_reported_with_pose_and_cause_alone(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
-    const kc_event_t *e = &world.last[KC_EVT_CAL_ABORTED];
-    TEST_ASSERT_EQUAL_INT(1, e->index);
-    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_COMMAND, e->got);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
-}
 
 /* The arm may be on its way: without a journal nobody knows, and IDLE sent no hold. */
 void test_killed_while_moving_and_with_the_journal_lost_the_arm_is_held(void)

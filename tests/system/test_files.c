@@ -1059,18 +1059,10 @@ static int32_t roll_back(void)
 static int32_t from_ground(void)
 {
     static kc_kin_t kin;
-    given_kin(&kin);
-    kin.arm_crc = kc_app_active(APP)->crc[KC_TBL_ARM];
-    kin.terms_crc = kc_app_active(APP)->crc[KC_TBL_TERMS];
+    world_kin(&kin);
     kin.value[3] = 0.01;
     s_n = given_image(KC_TBL_KIN, &kin, s_image);
-    int32_t crc = (int32_t)kc_tbl_image_crc(s_image, s_n);
-    for (uint32_t at = 0u; at < s_n; at += KC_CHUNK_BYTES) {
-        kc_table_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
-        *c = (kc_table_chunk_t){.kind = KC_TBL_KIN, .total = s_n, .offset = at};
-        c->n = s_n - at < KC_CHUNK_BYTES ? s_n - at : KC_CHUNK_BYTES;
-        memcpy(c->data, &s_image[at], c->n);
-    }
+    int32_t crc = world_upload(KC_TBL_KIN, s_image, s_n);
     int32_t st = world_do(KC_CMD_TABLE_VALIDATE, KC_TBL_KIN, crc, 0);
     return st == KC_OK ? world_do(KC_CMD_TABLE_ACTIVATE, KC_TBL_KIN, crc, 0) : st;
 }

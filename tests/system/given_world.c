@@ -432,6 +432,25 @@ void world_seal(uint16_t kind)
     a->seal[kind] = kc_crc32(0u, kc_tbl_active_ptr(a, kind), kc_tbl_active_bytes(kind));
 }
 
+void world_kin(kc_kin_t *kin)
+{
+    given_kin(kin);
+    kin->arm_crc = kc_app_active(&kc_app_instance)->crc[KC_TBL_ARM];
+    kin->terms_crc = kc_app_active(&kc_app_instance)->crc[KC_TBL_TERMS];
+}
+
+int32_t world_upload(uint16_t kind, const uint8_t *image, uint32_t n)
+{
+    for (uint32_t at = 0u; at < n; at += KC_CHUNK_BYTES) {
+        uint32_t left = n - at, part = left < KC_CHUNK_BYTES ? left : KC_CHUNK_BYTES;
+        world.in.chunk[0] = (kc_table_chunk_t){.kind = kind, .total = n, .offset = at, .n = part};
+        memcpy(world.in.chunk[0].data, &image[at], part);
+        world.in.n_chunk = 1u;
+        world_tick();
+    }
+    return (int32_t)kc_tbl_image_crc(image, n);
+}
+
 bool world_stored(uint32_t max)
 {
     for (uint32_t i = 0u; i < max && kc_app_state(&kc_app_instance) == KC_ST_STORE; i++) { world_tick(); }

@@ -12,17 +12,6 @@ void setUp(void) { given_world(); }
 
 /* ---- frames ---- */
 
-void test_a_frame_that_does_not_come_is_requested_again(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
-    world.camera_silent = true;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_FRAME_TIMEOUT, 50u));
-    TEST_ASSERT_EQUAL_INT(KC_ST_OBSERVE, kc_app_state(APP));
-    world.camera_silent = false;
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 50u));
-}
-
 void test_a_camera_that_stays_silent_ends_it(void)
 {
     const kc_state_t states[] = {KC_ST_OBSERVE, KC_ST_SEARCH, KC_ST_MEASURE};
@@ -92,18 +81,6 @@ void test_of_two_solutions_that_fit_the_one_the_model_expects_is_taken(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.35, world.meas[0].det.rms_px);
 }
 
-void test_a_second_solution_that_fits_much_worse_is_not_taken(void)
-{
-    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.8, rotation_residual(0.7, 0.8, true, 0.0));
-}
-
-void test_a_model_that_is_far_off_both_does_not_choose(void)
-{
-    /* joint 7 is off by 1.2 rad: nearer to the second solution, but too far to be trusted */
-    double r = rotation_residual(0.35, 0.8, false, 1.2);
-    TEST_ASSERT_DOUBLE_WITHIN(0.02, 1.2, r);
-}
-
 /* ---- servo ---- */
 
 void test_servo_steps_bring_the_tool_to_the_candidate(void)
@@ -144,17 +121,6 @@ void test_when_a_step_hides_the_tags_it_returns_to_the_last_detection(void)
     for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, there[j], world.q[j]); }
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_SERVO_LIMIT));
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
-}
-
-void test_when_they_are_gone_there_too_the_candidate_is_skipped(void)
-{
-    world.truth.joint[6].phi_rad = 0.4;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
-    world.hide = 1000;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_TAGS_LOST));
-    TEST_ASSERT_EQUAL_UINT8(0u, APP->plan.usable[0]);
 }
 
 void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
@@ -284,17 +250,6 @@ void test_a_frame_too_uncertain_in_the_search_is_one_without_tags(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
 }
 
-void test_tags_lost_again_without_a_move_are_not_searched_twice(void)
-{
-    world.hide = 1;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
-    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
-    world.hide = 1000;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 300u));
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_CAL_TAGS_LOST].got);
-}
-
 void test_once_the_model_is_known_good_it_does_not_search_for_hidden_tags(void)
 {
     world_started();
@@ -303,20 +258,6 @@ void test_once_the_model_is_known_good_it_does_not_search_for_hidden_tags(void)
     uint32_t frames = world.n_frames;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 300u));
     TEST_ASSERT_EQUAL_UINT32(frames + 1u, world.n_frames);
-}
-
-void test_after_a_large_residual_it_searches_as_far_as_the_tool_may_be_off(void)
-{
-    world.truth.joint[0].phi_rad = 0.25;
-    world.config.servo_steps_max = 0u;
-    world.config.search_steps = 40u;
-    world.config.search_step_rad = 0.4;
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_TRUE(APP->learned.res.pos_m > 0.05);
-    world.hide = 1000;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 600u));
-    TEST_ASSERT_EQUAL_DOUBLE(8.0, world.last[KC_EVT_CAL_TAGS_LOST].got); /* one ring, not forty cells */
 }
 
 void test_a_pantilt_unit_that_stops_in_the_search_ends_it(void)
@@ -328,16 +269,6 @@ void test_a_pantilt_unit_that_stops_in_the_search_ends_it(void)
     world.pantilt_frozen = true;
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 300u));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_PANTILT_LATE, world.last[KC_EVT_CAL_ABORTED].got);
-}
-
-void test_a_pantilt_unit_command_lost_in_the_search_is_sent_again(void)
-{
-    world.hide = 3;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
-    world.pantilt_ignores = 1;
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-    TEST_ASSERT_EQUAL_INT(0, world.pantilt_ignores);
 }
 
 void test_search_positions_beyond_one_limit_are_left_out(void)

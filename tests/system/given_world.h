@@ -102,6 +102,10 @@ void world_sign_cmd(kc_cmd_t *c);
 void world_sign_chunk(kc_table_chunk_t *c);
 /* Put a command into the next tick, then ticks until it is answered; returns the status of its answer. */
 int32_t world_do(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
+/* A nominal correction that names the active tables. */
+void world_kin(kc_kin_t *kin);
+/* Send an image in chunks, one a tick; its CRC. */
+int32_t world_upload(uint16_t kind, const uint8_t *image, uint32_t n);
 /* Step until no change is being stored. */
 bool world_stored(uint32_t max);
 /* Boot, one tick to hear the arm, START; then the first state. */

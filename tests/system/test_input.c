@@ -503,65 +503,6 @@ void test_a_detection_that_is_too_uncertain_is_refused(void)
 
 /* ---- the rest ---- */
 
-void test_a_failed_store_is_reported(void)
-{
-    given_idle();
-    s_in.has_store_result = 1u;
-    s_in.store_kind = 4u;
-    s_in.store_status = 0;
-    step();
-    TEST_ASSERT_EQUAL_UINT32(0u, s_out.events.n);
-    s_in.store_status = KC_ERR_NUM;
-    refused(KC_EVT_STORE_FAIL, 4);
-    TEST_ASSERT_EQUAL_DOUBLE((double)KC_ERR_NUM, only_event(KC_EVT_STORE_FAIL)->got);
-}
-
-void test_a_fault_while_calibrating_ends_it(void)
-{
-    world_started();
-    world_ticks(3u);
-    world.fault = 2;
-    world_tick();
-    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_FAULT, world.last[KC_EVT_CAL_ABORTED].got);
-    TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
-}
-
-void test_silence_while_calibrating_ends_it(void)
-{
-    for (int who = 0; who < 2; who++) {
-        given_world();
-        world_started();
-        world_ticks(3u);
-        world.arm_silent = who == 0;
-        world.pantilt_silent = who == 1;
-        world_ticks(25u);
-        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
-        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_IN_SILENT));
-        TEST_ASSERT_EQUAL_INT(who == 0 ? KC_INPUT_ARM : KC_INPUT_PANTILT, world.last[KC_EVT_IN_SILENT].index);
-        TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_SILENT, world.last[KC_EVT_CAL_ABORTED].got);
-    }
-}
-
-void test_silence_while_idle_is_no_matter(void)
-{
-    world_boot();
-    world.arm_silent = world.pantilt_silent = true;
-    world_ticks(50u);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_IN_SILENT));
-}
-
-void test_a_field_of_an_input_has_a_name_and_the_number_of_its_element(void)
-{
-    uint32_t element = 9u;
-    TEST_ASSERT_EQUAL_STRING("arm q_rad", kc_input_field(112, &element));
-    TEST_ASSERT_EQUAL_UINT32(3u, element);
-    TEST_ASSERT_EQUAL_STRING("pan-tilt tilt_rad", kc_input_field(203, &element));
-    TEST_ASSERT_EQUAL_UINT32(0u, element);
-    TEST_ASSERT_EQUAL_STRING("", kc_input_field(199, &element));
-    TEST_ASSERT_EQUAL_UINT32(0u, element);
-}
-
 /* Found by fuzzing: nothing checks these entries, and they are published. */
 void test_entries_beyond_the_joints_of_the_arm_are_not_taken(void)
 {

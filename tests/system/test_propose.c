@@ -42,19 +42,6 @@ void test_a_proposal_is_the_table_that_its_crc_names(void)
     TEST_ASSERT_EQUAL_UINT32(1u, p->kin.session);
 }
 
-void test_its_covariance_is_packed_by_rows_and_scaled_like_sigma(void)
-{
-    world_calibrated();
-    const kc_proposal_t *p = &world.proposal;
-    uint32_t k = 0u;
-    for (uint32_t i = 0u; i < 28u; i++) {
-        TEST_ASSERT_DOUBLE_WITHIN(1e-9, p->kin.sigma[i], sqrt(p->cov[k]));
-        TEST_ASSERT_TRUE(p->kin.sigma[i] > 0.0);
-        k += 28u - i;
-    }
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, p->cov[k]);
-}
-
 void test_only_requested_coefficients_change(void)
 {
     world.bias[2] = 0.0;
@@ -72,20 +59,6 @@ void test_only_requested_coefficients_change(void)
     }
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.1, p->kin.value[24]);
     TEST_ASSERT_EQUAL_UINT32(1u, p->rank);
-}
-
-void test_more_noise_than_stated_makes_sigma_larger_not_the_fit_poor(void)
-{
-    world_calibrated();
-    double quiet = world.proposal.kin.sigma[24];
-    setUp();
-    world.config.sigma_pos_min_m = 1e-6;
-    world.config.sigma_rot_min_rad = 1e-6;
-    world.config.frames_per_meas = 1u;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale_unlikely);
-    TEST_ASSERT_TRUE(quiet > 0.0);
 }
 
 /* Detections that claim to be much better than they are. */
@@ -107,22 +80,6 @@ void test_residuals_that_the_stated_noise_cannot_explain_make_the_fit_poor(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_POOR));
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP)); /* the ground decides */
     TEST_ASSERT_TRUE(world.proposal.kin.sigma[24] > 1e-4);
-}
-
-void test_two_to_three_times_the_noise_is_poor_if_the_fit_is_too_unlikely(void)
-{
-    world.spoil = boastful;
-    world.noise_m = 2e-3;
-    world.noise_rad = 8e-3;
-    world.config.sigma_pos_min_m = 8e-4;
-    world.config.sigma_rot_min_rad = 3.2e-3;
-    world.config.frames_per_meas = 1u;
-    world.config.n_poses = 24u;
-    world.config.est.outlier_p = 0.0;
-    world_calibrated();
-    TEST_ASSERT_TRUE(world.proposal.noise_scale > world.config.poor_noise_scale_unlikely);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale);
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
 }
 
 static int spoil_one;
@@ -194,17 +151,6 @@ void test_an_unlikely_fit_that_used_up_what_may_be_rejected_is_poor_with_less_no
     }
 }
 
-void test_too_few_poses_give_a_poor_verdict(void)
-{
-    world.config.n_poses = 2u;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(0u, world.proposal.dof);
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.proposal.p_fit);
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_RANK));
-    TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_HELD) > 0u);
-}
-
 void test_coefficients_without_any_effect_are_held(void)
 {
     for (uint32_t c = 0u; c < 28u; c++) { world.terms.term[c].gain = 0.0; }
@@ -247,25 +193,6 @@ void test_approval_takes_two_steps_bound_to_the_crc(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
 }
 
-void test_an_activation_is_stored_so_that_no_kill_between_two_writes_does_harm(void)
-{
-    world_calibrated();
-    uint32_t crc = world.proposal.crc;
-    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
-    (void)world_cmd(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
-    world_tick();
-    /* what is in force, its copy for rollback, what comes; then the journal names it */
-    const uint16_t order[] = {KC_TBL_KIN, KC_STORE_PREV, KC_TBL_KIN, KC_STORE_JOURNAL};
-    TEST_ASSERT_EQUAL_UINT32(4u, world.out.n_store);
-    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_EQUAL_UINT16(order[i], world.out.store[i].kind); }
-    TEST_ASSERT_EQUAL_UINT32(0u, world.events[KC_EVT_COR_ACTIVE]);
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(1u, world.events[KC_EVT_COR_ACTIVE]);
-    TEST_ASSERT_EQUAL_UINT16(KC_STORE_PROPOSAL, world.out.store[0].kind);
-    TEST_ASSERT_EQUAL_UINT32(0u, world.out.store[0].n);
-    TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, world.out.store[1].kind); /* its second copy */
-}
-
 void test_a_corrected_arm_needs_no_change(void)
 {
     world_calibrated();
@@ -280,17 +207,6 @@ void test_a_corrected_arm_needs_no_change(void)
     TEST_ASSERT_EQUAL_UINT32(crc, active_crc());
 }
 
-void test_an_armed_approval_expires(void)
-{
-    world_calibrated();
-    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0);
-    world_ticks(5u);
-    TEST_ASSERT_EQUAL_INT(KC_ST_ARMED, kc_app_state(APP));
-    world_ticks(600000000u / TICK_US);
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_EXPIRED));
-}
-
 void test_a_rejected_proposal_is_gone(void)
 {
     world_calibrated();
@@ -303,15 +219,6 @@ void test_a_rejected_proposal_is_gone(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_STORE_PROPOSAL][0]);
     TEST_ASSERT_EQUAL_UINT32(before, active_crc());
     refused(KC_CMD_APPROVE_ARM, crc, KC_ERR_STATE, KC_EVT_CMD_STATE);
-}
-
-void test_a_proposal_that_no_longer_fits_cannot_be_activated(void)
-{
-    world_calibrated();
-    uint32_t crc = world.proposal.crc;
-    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
-    APP->tables.active.crc[KC_TBL_TERMS] ^= 1u; /* cannot happen through the door: tables are locked */
-    refused(KC_CMD_APPROVE_GO, crc, KC_ERR_STATE, KC_EVT_TBL_DEPENDS);
 }
 
 /* ---- a poor proposal ---- */
@@ -364,28 +271,6 @@ void test_an_override_that_is_put_into_a_command_after_it_was_signed_is_a_forger
     world.as_sent = false;
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_FORGED));
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-}
-
-void test_an_override_names_the_crc_all_the_same_and_no_other_number_is_one(void)
-{
-    static const int32_t wrong[] = {-1, 2, INT32_MIN, INT32_MAX};
-    uint32_t crc = given_poor();
-    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc + 1, KC_OVERRIDE_FIT, 0));
-    for (uint32_t i = 0u; i < sizeof wrong / sizeof wrong[0]; i++) {
-        TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, wrong[i], 0));
-        expect_event(KC_EVT_CMD_ARG, 1, (double)wrong[i], 1.0);
-    }
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_OVERRIDE));
-}
-
-void test_an_override_of_a_good_fit_overrides_nothing(void)
-{
-    world_calibrated();
-    int32_t crc = (int32_t)world.proposal.crc;
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, crc, KC_OVERRIDE_FIT, 0));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_OVERRIDE));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ARMED));
 }
 
 void test_a_poor_proposal_is_poor_after_a_restart_too_and_armed_before_it_no_more(void)
@@ -448,27 +333,19 @@ static void waits_for_the_ground(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ON_BOARD));
 }
 
-void test_a_change_too_large_for_the_policy_waits_for_the_ground(void)
+/* Which rule: test_kc_verdict.c. */
+void test_what_the_policy_does_not_accept_waits_for_the_ground(void)
 {
-    given_policy();
-    world.config.accept_change_max_pos_m = 1e-6;
-    waits_for_the_ground();
-}
-
-void test_a_correction_too_uncertain_for_the_policy_waits_for_the_ground(void)
-{
-    given_policy();
-    world.config.accept_sigma_max_pos_m = 1e-9;
-    waits_for_the_ground();
-}
-
-void test_a_fit_too_unlikely_for_the_policy_waits_for_the_ground(void)
-{
-    given_policy();
-    world.config.sigma_pos_min_m = 1e-6; /* no floor that makes the noise observation better than it is */
-    world.config.sigma_rot_min_rad = 1e-6;
-    world.config.accept_p_fit_min = 1.0;
-    waits_for_the_ground();
+    for (uint32_t rule = 0u; rule < 3u; rule++) {
+        given_policy();
+        if (rule == 0u) { world.config.accept_change_max_pos_m = 1e-6; }
+        if (rule == 1u) { world.config.accept_sigma_max_pos_m = 1e-9; }
+        if (rule == 2u) { /* no floor that makes the noise better than it is */
+            world.config.sigma_pos_min_m = world.config.sigma_rot_min_rad = 1e-6;
+            world.config.accept_p_fit_min = 1.0;
+        }
+        waits_for_the_ground();
+    }
 }
 
 void test_without_a_policy_everything_waits_for_the_ground(void)
@@ -522,43 +399,6 @@ void test_rollback_brings_the_table_before_back(void)
     TEST_ASSERT_EQUAL_UINT32(before, active_crc());
 }
 
-/* ---- loading a stored proposal ---- */
-
-static uint8_t s_image[KC_IMAGE_MAX];
-static uint32_t s_n;
-
-static void given_stored_proposal(void)
-{
-    world_calibrated();
-    s_n = world.stored[KC_STORE_PROPOSAL][0];
-    memcpy(s_image, world.store[KC_STORE_PROPOSAL][0], s_n);
-    world.stored[KC_STORE_PROPOSAL][0] = world.stored[KC_STORE_PROPOSAL][1] = 0u;
-    world.stored[KC_STORE_JOURNAL][0] = world.stored[KC_STORE_JOURNAL][1] = 0u;
-    world_restart();
-}
-
-void test_a_stored_proposal_that_is_damaged_or_belongs_to_other_tables_is_dropped(void)
-{
-    given_stored_proposal();
-    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, KC_KIN_IMAGE_MAX + 1u));
-    s_image[30] ^= 1u;
-    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    s_image[30] ^= 1u;
-    APP->tables.active.crc[KC_TBL_ARM] ^= 1u;
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    APP->tables.active.crc[KC_TBL_ARM] ^= 1u;
-    uint32_t kin = APP->tables.active.crc[KC_TBL_KIN];
-    APP->tables.active.crc[KC_TBL_KIN] = kin + 1u; /* another correction became active since */
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    APP->tables.active.crc[KC_TBL_KIN] = kc_tbl_image_crc(s_image, s_n); /* or this one */
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->review.crc);
-    APP->tables.active.crc[KC_TBL_KIN] = kin;
-    TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE,
-                          kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n)); /* one is enough */
-}
-
 /* ---- found missing by mutants ---- */
 
 static void expect_event(uint32_t id, int32_t index, double got, double want)
@@ -568,70 +408,6 @@ static void expect_event(uint32_t id, int32_t index, double got, double want)
     TEST_ASSERT_EQUAL_INT(index, e->index);
     TEST_ASSERT_EQUAL_DOUBLE(got, e->got);
     TEST_ASSERT_EQUAL_DOUBLE(want, e->want);
-}
-
-/* Whole events, as docs/EVENTS.md describes them. */
-void test_events_of_a_review_say_what_they_are_about(void)
-{
-    world_calibrated();
-    double crc = (double)world.proposal.crc, before = (double)active_crc();
-    int32_t arg = (int32_t)world.proposal.crc;
-    expect_event(KC_EVT_COR_PROPOSED, -1, crc, 8.0);
-    (void)world_do(KC_CMD_APPROVE_ARM, 5, 0, 0);
-    expect_event(KC_EVT_CMD_CRC, -1, 5.0, crc);
-    (void)world_do(KC_CMD_APPROVE_ARM, arg, 0, 0);
-    expect_event(KC_EVT_COR_ARMED, -1, crc, 0.0);
-    (void)world_do(KC_CMD_APPROVE_GO, arg, 0, 0);
-    expect_event(KC_EVT_COR_ACTIVE, -1, crc, 0.0);
-    (void)world_do(KC_CMD_ROLLBACK, 6, 0, 0);
-    expect_event(KC_EVT_CMD_CRC, -1, 6.0, crc);
-    (void)world_do(KC_CMD_ROLLBACK, arg, 0, 0);
-    expect_event(KC_EVT_COR_ROLLBACK, -1, before, 0.0);
-    (void)world_do(KC_CMD_ROLLBACK, (int32_t)active_crc(), 0, 0);
-    expect_event(KC_EVT_COR_NO_PREVIOUS, -1, 0.0, 0.0);
-}
-
-void test_events_of_a_rejection_say_what_they_are_about(void)
-{
-    world_calibrated();
-    double crc = (double)world.proposal.crc;
-    (void)world_do(KC_CMD_REJECT, 7, 0, 0);
-    expect_event(KC_EVT_CMD_CRC, -1, 7.0, crc);
-    (void)world_do(KC_CMD_REJECT, (int32_t)world.proposal.crc, 0, 0);
-    expect_event(KC_EVT_COR_REJECTED, -1, crc, 0.0);
-}
-
-void test_an_approval_expires_as_config_says_after_its_first_step(void)
-{
-    world.config.approval_timeout_us = 7000000u;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0));
-    uint64_t armed_us = APP->place.since_us;
-    for (uint32_t n_hk = world.n_hk; world.n_hk == n_hk;) { world_tick(); }
-    TEST_ASSERT_EQUAL_UINT64(7000000u - (APP->clock.now_us - armed_us), world.hk.approval_left_us);
-    TEST_ASSERT_TRUE(world.hk.approval_left_us > 0u);
-    TEST_ASSERT_EQUAL_UINT32(KC_VERDICT_CHANGE, world.hk.proposal_verdict);
-    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 100u));
-    TEST_ASSERT_EQUAL_UINT64(7000000u + TICK_US, APP->clock.now_us - armed_us);
-    expect_event(KC_EVT_COR_EXPIRED, -1, (double)world.proposal.crc, 0.0);
-    world_ticks(11u);
-    TEST_ASSERT_EQUAL_UINT64(0u, world.hk.approval_left_us);
-}
-
-void test_housekeeping_at_the_very_end_of_an_armed_approval_says_that_no_time_is_left(void)
-{
-    static kc_hk_t hk;
-    world_calibrated();
-    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0);
-    uint64_t timeout_us = world.config.approval_timeout_us;
-    for (uint64_t beyond_us = 0u; beyond_us < 2u; beyond_us++) {
-        APP->clock.now_us = APP->place.since_us + timeout_us + beyond_us;
-        kc_review_report(&APP->review, &APP->view, &hk);
-        TEST_ASSERT_EQUAL_UINT64(0u, hk.approval_left_us);
-    }
-    APP->clock.now_us = APP->place.since_us + timeout_us - 1u;
-    kc_review_report(&APP->review, &APP->view, &hk);
-    TEST_ASSERT_EQUAL_UINT64(1u, hk.approval_left_us);
 }
 
 void test_a_proposal_without_an_observation_that_counts_has_no_residual_before(void)
@@ -938,19 +714,4 @@ void test_a_correction_accepted_on_board_is_reported_with_its_crc(void)
     world_calibrated();
     expect_event(KC_EVT_COR_ON_BOARD, -1, (double)active_crc(), 0.0);
     TEST_ASSERT_EQUAL_HEX32(world.proposal.crc, active_crc());
-}
-
-/* An image as large as there is room for is tested_early into, one byte more is not. */
-void test_a_stored_proposal_larger_than_its_room_is_not_looked_into(void)
-{
-    static kc_review_t review;
-    kc_events_t ev;
-    world_boot();
-    for (uint32_t over = 0u; over < 2u; over++) {
-        memset(&ev, 0, sizeof ev);
-        memset(world.image, 0, sizeof world.image);
-        TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_review_load(&review, &APP->tables, KC_VERDICT_CHANGE,
-                                                            world.image, KC_KIN_IMAGE_MAX + over, &ev));
-        TEST_ASSERT_EQUAL_UINT32(1u - over, ev.n);
-    }
 }

@@ -1,0 +1,37 @@
+/* The parts of a calibration that functions read through kc_view_t, with good tables and everything else zero: for
+ * tests that call one function with values. */
+#ifndef GIVEN_PARTS_H
+#define GIVEN_PARTS_H
+
+#include "kc_answer.h"
+#include "kc_channels.h"
+#include "kc_view.h"
+
+typedef struct {
+    kc_view_t view; /* of all below */
+    kc_clock_t clock;
+    kc_place_t place;
+    kc_tables_t tables;
+    kc_telemetry_t telemetry;
+    kc_cal_t cal;
+    kc_plan_t plan;
+    kc_learned_t learned;
+    kc_est_t est;
+    uint32_t servo_steps;
+    kc_out_t out; /* of the last call */
+} parts_t;
+
+extern parts_t parts;
+
+/* Nine candidates; the CRC of a table is PARTS_CRC + its kind. The clock shows a good hour. */
+#define PARTS_CRC 0x1000u
+#define PARTS_NOW_US 4000000000u
+void given_parts(void);
+/* Whether exactly this event came since the last call; the outputs are cleared. */
+void expect_event(kc_event_id_t id, int32_t index, double got, double want);
+/* Whether a command was refused with this answer, and exactly this event came. */
+void expect_refused(kc_answer_t answer, kc_status_t status, kc_event_id_t id, int32_t index, double got,
+                    double want);
+void expect_taken(kc_answer_t answer, kc_outcome_id_t outcome);
+
+#endif
