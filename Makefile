@@ -13,6 +13,8 @@ BUILD    := build
 PYTHON   ?= python3
 PY       := .venv/bin/python
 export PYTHON
+# Hundreds of programs start: each reads what the first one compiled.
+unexport PYTHONDONTWRITEBYTECODE
 # Those that one step may use; `make test` gives each of its steps one.
 PROCESSORS ?= $(shell nproc)
 export CMAKE_BUILD_PARALLEL_LEVEL := $(PROCESSORS)
@@ -94,9 +96,10 @@ PYTEST := $(PY) -m pytest -q -rsfE -c tests/pytest.ini
 ctest   = $(Q)ctest --test-dir $(BUILD)/$1 -j $(PROCESSORS) --progress --output-on-failure --no-tests=error \
     --output-junit $(CURDIR)/$(JUNIT)/$2.xml
 
-.PHONY: unit unit-san oracle integration ground-test live-test lint-test
-unit: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## unit tests
+.PHONY: units unit unit-san oracle integration ground-test workbench-test live-test lint-test
+units: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c
 	$(call compile,rel,units)
+unit: units ## unit tests
 	$(call ctest,rel,unit)
 
 unit-san: $(BUILD)/san/build.ninja $(BUILD)/unity/src/unity.c ## unit tests under ASan and UBSan
@@ -109,11 +112,17 @@ oracle: core .venv/.stamp-dev ## the core's numbers against independent librarie
 integration: build .venv/.stamp-dev ## processes over LCM
 	$(PYTEST) tests/integration --junitxml=$(JUNIT)/integration.xml
 
-# Those that wait for a flight, a browser or a worker are a step of their own: they leave the processor to the others.
-LIVE := $(foreach t,campaign command console% corrected killed operat% recording two_holders,\
-    $(filter tests/ground/test_$t.py,$(wildcard tests/ground/*.py)))
-ground-test: build .venv/.stamp-dev ## the ground tool, but for live-test
-	$(PYTEST) tests/ground $(LIVE:%=--ignore=%) --junitxml=$(JUNIT)/ground.xml
+# Three steps, so that none is left alone at the end. Those that wait for a flight, a browser or a worker are one of
+# them: they leave the processor to the others.
+named     = $(foreach t,$1,$(filter tests/ground/test_$t.py,$(wildcard tests/ground/*.py)))
+LIVE      := $(call named,campaign command console% corrected killed operat% recording two_holders)
+WORKBENCH := $(call named,api arms background blind bounds claims_bench consistency export% findings hidden \
+    identifiability promises reachable real_bench workbench% wrong_inputs)
+ground-test: build .venv/.stamp-dev ## the ground tool, but for workbench-test and live-test
+	$(PYTEST) tests/ground $(patsubst %,--ignore=%,$(LIVE) $(WORKBENCH)) --junitxml=$(JUNIT)/ground.xml
+
+workbench-test: build .venv/.stamp-dev ## the model workbench: fits, diagnoses, exports
+	$(PYTEST) $(WORKBENCH) --junitxml=$(JUNIT)/workbench.xml
 
 live-test: build .venv/.stamp-dev ## the ground tool while flight runs: console, commands, kills, campaigns
 	$(PYTEST) $(LIVE) --junitxml=$(JUNIT)/live.xml
@@ -123,10 +132,10 @@ lint-test: $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## the checks find what t
 
 .PHONY: test
 test: ## everything a change has to pass, with a summary
-	@$(MAKE) --no-print-directory -j4 setup
+	@$(MAKE) --no-print-directory -j4 -k setup build units || $(MAKE) --no-print-directory setup # a failed build is a step's
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log --first build --first unit \
-	    ground-test live-test lint integration wcet unit-san sigma-short cov fuzz lint-test oracle mutation-short size heapcheck
+	    workbench-test ground-test live-test lint integration wcet unit-san sigma-short cov fuzz lint-test oracle mutation-short size heapcheck
 
 # libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
 # harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.

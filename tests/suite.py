@@ -29,6 +29,7 @@ REPORT = {
     "oracle": "oracle.xml",
     "integration": "integration.xml",
     "ground-test": "ground.xml",
+    "workbench-test": "workbench.xml",
     "live-test": "live.xml",
     "lint-test": "lint.xml",
 }

@@ -1,7 +1,7 @@
 /* kc_crc32, eight bytes at a time; at the first call compared with kc_crc.c. */
+#include <stdlib.h>
 #include <string.h>
 
-#include "fuzz.h"
 #include "kc_crc.h"
 
 uint32_t __real_kc_crc32(uint32_t crc, const void *data, uint32_t n);  // NOLINT: names of the linker's --wrap
@@ -22,8 +22,8 @@ static void make_table(void)
             s_table[k][i] = (c >> 8) ^ s_table[0][c & 255u];
         }
     }
-    MUST(__wrap_kc_crc32(7u, s_table, sizeof s_table - 3u) ==
-         __real_kc_crc32(7u, s_table, sizeof s_table - 3u));
+    const uint32_t n = sizeof s_table - 3u;
+    if (__wrap_kc_crc32(7u, s_table, n) != __real_kc_crc32(7u, s_table, n)) { abort(); }
 }
 
 uint32_t __wrap_kc_crc32(uint32_t crc, const void *data, uint32_t n)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import zipfile
 from importlib.metadata import distribution
+from importlib.util import cache_from_source
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -46,13 +47,14 @@ def closure(names):
 
 
 def link(name, site):
-    """The files of an installed package, linked into another environment."""
+    """The files of an installed package, linked into another environment, and what they were compiled to."""
     there = distribution(name)
-    for file in there.files:
-        target = site / file
-        if ".." not in file.parts and not target.exists():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.symlink_to(there.locate_file(file).resolve())
+    for file in (file for file in there.files if ".." not in file.parts):
+        for part in (file, cache_from_source(file)) if file.suffix == ".py" else (file,):
+            source, target = Path(there.locate_file(part)).resolve(), site / part
+            if source.exists() and not target.exists():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.symlink_to(source)
 
 
 def environment(home, wheel, extras=()):

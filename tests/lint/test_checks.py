@@ -68,6 +68,7 @@ def tree(root: Path) -> Path:
         "sim/tagdet/frame.cpp": "extern const int kFrame;\nconst int kFrame = 0;\n",
         "tests/bench/wcet.c": "int main(void) { return 0; }\n",
         "tests/bench/wcet_search.c": "int main(void) { return 0; }\n",
+        "tests/fuzz/crc.c": "",
         "tests/unit/given_nothing.c": "",
         "tests/system/given_nothing.c": "",
         "tests/unit/test_kc_math.c": '#include "unity.h"\n#include "kc_math.h"\n'
@@ -428,7 +429,7 @@ def test_a_condition_that_no_test_decides_is_a_failure(tmp_path):
     root = tree(tmp_path)
     folder = configured(root, "Coverage", "-DCMAKE_C_COMPILER=clang-19", "-DCMAKE_CXX_COMPILER=clang++-19")
     each = "for (int i = 0; i < n; i++) { m = %s ? 0 : m; }"
-    cases = [  # called with n = 4; what is never what
+    cases = [  # a function each, called with n = 4; what is never what
         ("m = n > 3;", []),  # a value, no condition
         ("if (n > 3) { m = 0; }", [("n > 3", "false")]),
         ("for (int i = 0; i < n; i++) { m = 0; }", []),
@@ -440,20 +441,23 @@ def test_a_condition_that_no_test_decides_is_a_failure(tmp_path):
         (each % "i > 1 && (i > 2 || i * i < 9)", [("i * i < 9", "false"), ("i > 2", "decides")]),
         (each % "one && !(i > 1 && i < 3)", [(c, "measured") for c in ("one", "i > 1", "i < 3")]),
         ("SKIP(n) SKIP(n + 9)", [(c, never) for c in ("(x) > 5", "one") for never in ("true", "false")]),
-        ("return n + m; } int kc_b(int n); int kc_b(int n) { int m = 0;", [("", "called")]),
     ]
-    head = (
-        '#include "kc_math.h"\n#define SKIP(x) if ((x) > 5 && one) { m = 1; }\n'
-        "static volatile int one = 1;\nint kc_math(int n)\n{\n    volatile int m = 0;\n    m = !one;\n"
+    text = (
+        '#include "kc_math.h"\n#define SKIP(x) if ((x) > 5 && one) { m = 1; }\nstatic volatile int one = 1;\n'
     )
-    for body, wanted in cases:
-        (root / "fsw/math/kc_math.c").write_text(f"{head}    {body}\n    return n + 0 * m;\n}}\n")
-        counted(folder)
-        done = covered(folder, "")
-        found = re.findall(r"^fsw/math/kc_math\.c:\d+: kc_\w+: never (\w+): ?(.*)$", done.stdout, re.M)
-        assert sorted((text, never) for never, text in found) == sorted(wanted), done.stdout + done.stderr
-        assert done.returncode == (1 if wanted else 0)
-    rows = "fsw/math/kc_math.c,kc_b,,called,tested\n"
+    for k, (body, _) in enumerate(cases):
+        text += f"static int case_{k}(int n)\n{{\n    volatile int m = 0;\n    m = !one;\n    {body}\n"
+        text += "    return n + 0 * m;\n}\n"
+    calls = "".join(f" + 0 * case_{k}(n)" for k in range(len(cases)))
+    text += f"int kc_math(int n) {{ return n{calls}; }}\nint kc_b(int n);\nint kc_b(int n) {{ return n; }}\n"
+    (root / "fsw/math/kc_math.c").write_text(text)
+    counted(folder)
+    done = covered(folder, "")
+    found = re.findall(r"^fsw/math/kc_math\.c:\d+: (\w+): never (\w+): ?(.*)$", done.stdout, re.M)
+    wanted = [(f"case_{k}", never, what) for k, (_, of) in enumerate(cases) for what, never in of]
+    assert sorted(found) == sorted([*wanted, ("kc_b", "called", "")]), done.stdout + done.stderr
+    assert done.returncode == 1
+    rows = "".join(f"fsw/math/kc_math.c,{name},{what},{never},tested\n" for name, never, what in found)
     assert covered(folder, rows).returncode == 0
     assert "needed no more" in covered(folder, rows + rows).stdout
     assert "no reason" in covered(folder, rows.replace("tested", "")).stderr
