@@ -159,9 +159,10 @@ MODELS = {
 }  # fmt: skip
 
 
-@pytest.fixture(params=MODELS)
-def model(request, tmp_path):
+@pytest.fixture(params=MODELS, scope="module")
+def model(request, tmp_path_factory):
     """A fit with random coefficients, data, and its generated code."""
+    tmp_path = tmp_path_factory.mktemp("model")
     name, effects = MODELS[request.param]
     arm = arm_named(name, tmp_path)
     found = everything(arm.n) if effects is None else of_library(arm, effects)
@@ -313,8 +314,9 @@ CONSTANT_MODELS = {
 }
 
 
-@pytest.fixture(params=CONSTANT_MODELS)
-def constant(request, tmp_path):
+@pytest.fixture(params=CONSTANT_MODELS, scope="module")
+def constant(request, tmp_path_factory):
+    tmp_path = tmp_path_factory.mktemp("constant")
     name, effects = CONSTANT_MODELS[request.param]
     arm = arm_named(name, tmp_path)
     arm = replace(arm, base=replace(arm.base, estimate=True), tool=replace(arm.tool, estimate=True))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kincal_sim import transforms
-from kincal_sim.hidden import campaign, case, files, kinds, optical_effects, optics, seal
+from kincal_sim.hidden import __main__, campaign, case, files, kinds, optical_effects, optics, seal
 from kincal_sim.hidden.bench import Bench
 from kincal_sim.hidden.spec import CaseSpec
 from kincal_sim.mechanics.arm import load_spec
@@ -78,11 +78,11 @@ def test_seal_hides_the_answer_and_shows_when_it_was_changed(tmp_path):
         seal.unseal(forged, line["sha256"])
 
 
-def test_unknown_effects_and_places_are_refused_before_anything_is_written(tmp_path):
-    command = [sys.executable, "-m", "kincal_sim.hidden", "make", "--out", str(tmp_path / "o"), "--cases"]
+def test_unknown_effects_and_places_are_refused_before_anything_is_written(tmp_path, monkeypatch, capsys):
+    words = ["hidden", "make", "--out", str(tmp_path / "o"), "--cases"]
     for wrong in ("gremlins", "compliance[1]", "focal[2]", "differential[all]"):
-        done = subprocess.run([*command, wrong], capture_output=True, text=True)
-        assert done.returncode == 2 and "error:" in done.stderr
+        monkeypatch.setattr(sys, "argv", [*words, wrong])
+        assert __main__.main() == 2 and "error:" in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import poses
 import pytest
-from real_arms import DATA
 from scipy import stats
 
 from kincal import workbench as wb
@@ -372,14 +371,3 @@ def test_a_fit_in_a_curved_valley_comes_to_its_end(tmp_path):
     inner = (fit.J * fit.sigma_prior).T * np.repeat(fit.weight, 3) @ (fit.J * fit.sigma_prior) / fit.scale**2
     left = downhill @ np.linalg.solve(inner + np.eye(len(downhill)), downhill)
     assert left < 1e-2  # units of chi^2 that an undamped step could still gain
-
-
-# --------------------------------------------------------------------------- real arms
-
-
-def test_wam_is_named_and_predicted_better_than_by_independent_fits():
-    arm = wb.read_arm(DATA / "wam" / "wam.toml")
-    found = wb.diagnose(arm, wb.read_csv(DATA / "wam" / "wam.csv", 7), LIBRARY)
-    assert any(e.name.startswith("backlash") and e.accepted for e in found.effects)
-    assert found.remainder.held_pos_m <= 1.60e-3
-    assert not any(e.in_model and e.harms for e in found.effects)
