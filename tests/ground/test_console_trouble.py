@@ -105,15 +105,18 @@ def test_two_flights_on_one_network_are_said_and_no_state_passes_for_known(geome
         machine.passes(0.5)
     change = picture.changes(cursor)
     assert [r["name"] for r in change["rows"]] == ["TWO_SENDERS"]
+    assert "To do: End the other sender" in change["rows"][0]["text"]
     shown = change["values"]["KC_HK"]["data"]
     assert (
         shown["text"].startswith("NOT KNOWN: two senders of housekeeping")
         and shown["waits_for"] == "operator"
     )
+    assert shown["several"].startswith("two senders")  # the header says it in every view
     for k in range(12):
         machine.passes(1.0)
         picture.add("KC_HK", housekeeping(1010.0 + k, 4, 0))
-    assert picture.changes(cursor)["values"]["KC_HK"]["data"]["text"] == "No calibration runs."
+    now = picture.changes(cursor)["values"]["KC_HK"]["data"]
+    assert now["text"] == "No calibration runs." and "several" not in now
 
 
 def test_what_two_consoles_have_kept_is_there_once(geometry, tmp_path):

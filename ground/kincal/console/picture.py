@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from kincal.flight import event_name
 from kincal.link import LogEvent, LogSummary, Session, crc_text, unsigned32
+from kincal.operate.commands import END_OTHER
 from kincal.operate.snapshot import SEVERAL, Senders
 from kincal.review import kin_crc
 from kincal_shared.errors import KincalError
@@ -173,7 +174,7 @@ class Picture:
         self._senders.take(hk, now_s)
         if self._senders.several(now_s) and now_s - self._reported_s > _REPORT_S:
             self._reported_s = now_s
-            self._note("error", "TWO_SENDERS", SEVERAL)
+            self._note("error", "TWO_SENDERS", f"{SEVERAL}. To do: {END_OTHER}")
 
     def _add_row(self, row: Plain) -> None:
         self.rows.append({"n": self.n_rows, **row})
@@ -299,7 +300,7 @@ class Picture:
         if name == "KC_HK":
             hk = words.housekeeping(message)
             if self._senders.several(self.clock()):
-                hk |= {"text": f"NOT KNOWN: {SEVERAL}.", "waits_for": "operator"}
+                hk |= {"text": f"NOT KNOWN: {SEVERAL}.", "waits_for": "operator", "several": SEVERAL}
             return {**hk, "tables_differ": words.table_mismatch(hk, self.geometry.crcs)}
         if name == "KC_ARM_STATE":
             return {

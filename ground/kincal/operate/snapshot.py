@@ -34,7 +34,7 @@ itself calls their sender silent. The rest comes when there is something to say,
 link."""
 KEEP_EVENTS = 500
 SEVERAL = (
-    "two senders of housekeeping: starts and time of flight go back and forth. Another flight, or a "
+    "two senders of housekeeping: its starts, time or numbers go back and forth. Another flight, or a "
     "recording that is replayed, is on this network"
 )
 _SEVERAL_S = 10.0

@@ -59,7 +59,9 @@ function header() {
   if (store.about.live) show(at("flight-link"), mark(hk.status, `housekeeping: ${hk.text}`), " ", text);
   document.body.classList.toggle("lost", store.lostSince_s !== null);
   document.body.classList.toggle("waiting", !store.connected);
-  at("lost").hidden = store.lostSince_s === null;
+  const several = store.about.live && store.values.KC_HK?.data?.several;
+  at("lost").hidden = store.lostSince_s === null && !several;
+  if (several && store.lostSince_s === null) show(at("lost"), `◆ NOT KNOWN: ${several}. Nothing but ABORT is sent: end the other sender.`);
   if (store.lostSince_s !== null) {
     const s = store.lostSince_s + store.skew_s;
     show(at("lost"), `Link to server lost since ${utc(s)} (${age(Date.now() / 1000 - store.lostSince_s)}). ` +

@@ -83,6 +83,11 @@ function state() {
     show(parts.state, el("h1", { class: "unknown" }, "UNKNOWN"), el("p", {}, "No housekeeping was heard yet. Flight sends it once a second: is it running on this network?"));
     return;
   }
+  if (hk.several) {
+    show(parts.state, el("h1", { class: "unknown" }, "NOT KNOWN", el("small", {}, ` ${hk.state} heard last`)),
+      el("p", {}, "Two flights are heard, and each says something else. Nothing but ABORT is sent until the other sender has ended."));
+    return;
+  }
   const [shape, whom] = WHOM[hk.waits_for] ?? WHOM.flight;
   const calibrating = !["IDLE", "SAFE", "REVIEW", "ARMED"].includes(hk.state);
   show(parts.state,
