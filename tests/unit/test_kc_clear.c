@@ -79,6 +79,25 @@ void test_it_is_computed_about_the_latest_correction(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, height_m(3u, 0.02) - GROUND_M - RADIUS_M, s_clear.clearance_m);
 }
 
+/* A ball beside the arm: every coefficient moves the tool against it, also that of the first joint. */
+void test_it_is_of_the_arm_as_it_is_now_with_all_that_the_correction_depends_on(void)
+{
+    kc_active_t *a = &parts.tables.active;
+    kc_pose_t T;
+    double q[KC_JOINT_MAX];
+    a->space.volume[0] = (kc_volume_t){KC_VOL_SPHERE, {1.0f, 2.0f, 0.5f}, {0.0f, 0.0f, 0.0f}, 0.1f, 0u};
+    a->terms.term[14].basis[0] = (kc_basis_t){.fn = KC_FN_LIN, .var = KC_VAR_TEMP, .c1 = 1.0};
+    parts.telemetry.arm.temp_c = 20.0;
+    parts.learned.coef[14] = 0.001;
+    given_two_coefficients(1.0, 0.0);
+    computed();
+    for (uint32_t i = 0u; i < KC_JOINT_MAX; i++) { q[i] = (double)s_q[i]; }
+    a->arm.joint[3].a_m += 0.02;
+    kc_arm_fk(&a->arm, q, &T);
+    double far_m = sqrt(pow(T.p_m[0] - 1.0, 2.0) + pow(T.p_m[1] - 2.0, 2.0) + pow(T.p_m[2] - 0.5, 2.0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, far_m - 0.1 - RADIUS_M, s_clear.clearance_m);
+}
+
 /* Clear by exactly what is asked, and by a little less. */
 static void assert_asked_m(double m)
 {

@@ -28,6 +28,7 @@ static kc_answer_t begin(uint32_t kind)
 static bool run(kc_work_t work)
 {
     parts.out.has_table_down = 0u;
+    memset(&parts.out.table_down, 0, sizeof parts.out.table_down);
     kc_dump_run(&s_dump, &s_review, &parts.view, &work, &parts.out);
     return parts.out.has_table_down != 0u;
 }
@@ -44,6 +45,7 @@ static void dumped(uint32_t kind, const uint8_t *image, uint32_t n)
         TEST_ASSERT_EQUAL_UINT32(at, c->offset);
         TEST_ASSERT_EQUAL_UINT32(n - at < KC_CHUNK_BYTES ? n - at : KC_CHUNK_BYTES, c->n);
         TEST_ASSERT_EQUAL_MEMORY(&image[at], c->data, c->n);
+        TEST_ASSERT_TRUE(c->n == KC_CHUNK_BYTES || c->data[c->n] == 0u); /* nothing from behind the image */
     }
     TEST_ASSERT_FALSE(run(kc_work_of_step()));
 }

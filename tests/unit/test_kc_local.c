@@ -28,7 +28,11 @@ void test_a_cost_that_an_arm_inside_its_bounds_hardly_has_casts_doubt(void)
     TEST_ASSERT_FALSE(kc_local_doubt(&s_config, &s_est, KC_OK, NULL));
     s_est.cost = 34.9;
     TEST_ASSERT_TRUE(kc_local_doubt(&s_config, &s_est, KC_OK, NULL));
+    s_est.cost = 30.0;
+    s_config.doubt_p = p;
+    TEST_ASSERT_FALSE(kc_local_doubt(&s_config, &s_est, KC_OK, NULL));
     s_config.doubt_p = 0.0;
+    s_est.cost = 34.9;
     TEST_ASSERT_FALSE(kc_local_doubt(&s_config, &s_est, KC_OK, NULL));
 }
 
@@ -60,6 +64,7 @@ void test_power_is_that_of_errors_twice_as_large_in_what_is_determined(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.9257192422993672, kc_local_power(&s_config, 18u, 15.0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.6492299249859680,
                               kc_local_power(&s_config, 6u, 9.0)); /* no more than rows */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.0857197081792959, kc_local_power(&s_config, 6u, 1.0));
     s_config.outside_factor = 4.0;
     TEST_ASSERT_TRUE(kc_local_power(&s_config, 18u, 15.0) > 0.999);
 }
