@@ -300,7 +300,7 @@ class Interleaved(DirectFlight):
 
 
 @pytest.mark.parametrize("numbers", [(500, 20), (20, 20)])
-def test_two_flights_with_one_clock_are_told_by_the_numbers_of_their_messages(tmp_path, key_file, numbers):
+def test_two_flights_with_one_clock_differ_in_the_numbers_of_their_messages(tmp_path, key_file, numbers):
     """START went to both, and both moved the arm."""
     flight = Interleaved(keys.signer_of(key_file), numbers)
     who = Operator("A", "why", tmp_path / "journal.jsonl")

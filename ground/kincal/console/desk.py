@@ -50,7 +50,7 @@ from .picture import Picture
 _REMEMBERED = 500
 _ABORT_WAIT_S = 5.0
 _LISTEN_S = 3.0
-_LOOK_AGAIN_S = 20.0  # recordings are large
+_CHECK_AGAIN_S = 20.0  # recordings are large
 Plain = dict[str, Any]
 
 
@@ -252,7 +252,7 @@ class Desk:
             return changes.KinValues(crc, tuple(p.value[: p.n_coef]), "heard")
         if crc in self._values_by_crc:
             return self._values_by_crc[crc]
-        if time.monotonic() < self._missed_s.get(crc, -math.inf) + _LOOK_AGAIN_S:
+        if time.monotonic() < self._missed_s.get(crc, -math.inf) + _CHECK_AGAIN_S:
             return None
         found = changes.kin_values(crc, (self.tables_dir, *self.elsewhere()))
         if found is None:
