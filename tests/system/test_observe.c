@@ -156,6 +156,17 @@ void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
 }
 
+void test_when_they_are_gone_there_too_the_candidate_is_skipped(void)
+{
+    world.truth.joint[6].phi_rad = 0.4;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
+    world.hide = 1000;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_TAGS_LOST));
+    TEST_ASSERT_EQUAL_UINT8(0u, APP->plan.usable[0]);
+}
+
 void test_when_the_seed_shows_nothing_either_the_candidate_is_skipped(void)
 {
     world_started();

@@ -5,6 +5,8 @@
 #include <string.h>
 
 #include "given_parts.h"
+#include "kc_cost.h"
+#include "kc_move.h"
 #include "unity.h"
 
 static kc_config_t *s_config;
@@ -157,6 +159,32 @@ void test_it_ends_for_the_reason_that_there_is(void)
     parts.learned.ended = KC_ENDED_REQUIREMENT;
     TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, selected().id);
     TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, parts.cal.ended);
+}
+
+/* One candidate a step, in which no more fits; those that may be chosen are eight of nine. */
+void test_joints_and_cost_are_predicted_for_every_candidate_that_may_be_chosen(void)
+{
+    given_session();
+    parts.tables.active.space.n_initial = 0u;
+    kc_plan_skipped(&parts.plan, 4u);
+    parts.est.n_obs = 1u;
+    memset(&s_arena, 0, sizeof s_arena);
+    for (uint32_t i = 0u; i < 9u; i++) { /* the first plans */
+        kc_work_t work = {1u, 0u};
+        uint64_t rng = 1u;
+        kc_outcome_t oc = kc_select_run(&parts.cal, &parts.plan, &s_arena, &rng, &parts.view, &work,
+                                        &parts.out);
+        TEST_ASSERT_EQUAL_INT(KC_OC_STAY, oc.id);
+    }
+    for (uint32_t c = 0u; c < 9u; c++) {
+        double q[KC_JOINT_MAX] = {0.0};
+        if (c != 4u) { (void)kc_move_joints(&parts.view, c, 8u, q); }
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
+            TEST_ASSERT_EQUAL_FLOAT((float)q[j], s_arena.cand_q[c * KC_JOINT_MAX + j]);
+        }
+        TEST_ASSERT_EQUAL_FLOAT(c != 4u ? (float)kc_cost_candidate(&parts.view, c, q) : 0.0f,
+                                s_arena.choice.cost[c]);
+    }
 }
 
 void test_a_skipped_candidate_is_named_and_not_chosen_again(void)
