@@ -123,19 +123,6 @@ void test_when_a_step_hides_the_tags_it_returns_to_the_last_detection(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
 }
 
-void test_when_the_last_detection_shows_nothing_any_more_the_candidate_is_skipped(void)
-{
-    world.truth.joint[6].phi_rad = 0.4;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
-    memcpy(world.q_start, world.q, sizeof world.q_start);
-    world.hide_beyond = 0.05;
-    TEST_ASSERT_TRUE(world_until(KC_ST_RETREAT, 300u));
-    world.hide = 1000;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_TAGS_LOST));
-}
-
 void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
 {
     double seed[KC_JOINT_MAX];
