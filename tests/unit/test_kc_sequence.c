@@ -144,6 +144,34 @@ void test_states_that_take_no_time_follow_in_one_step(void)
     TEST_ASSERT_EQUAL_UINT32(0u, APP->request.fails);
 }
 
+/* The arm stands where it was sent, at zero; the pan-tilt unit has to turn to the tool. */
+void test_the_unit_is_aimed_where_the_arm_arrives_at_a_stop_or_not(void)
+{
+    for (uint32_t stop = 0u; stop < 2u; stop++) {
+        setUp();
+        APP->move.i_path = APP->move.n_path = 1u;
+        APP->move.to_stop = stop != 0u;
+        run_in(KC_ST_MOVE);
+        TEST_ASSERT_EQUAL_INT(KC_ST_AIM, kc_app_state(APP));
+        TEST_ASSERT_TRUE(s_out.has_pantilt_cmd);
+        TEST_ASSERT_TRUE((stop != 0u) == APP->observe.at_stop);
+    }
+}
+
+void test_an_arm_that_sees_nothing_at_a_stop_goes_on_to_its_candidate(void)
+{
+    APP->cal.candidate = 2;
+    kc_path_joints(&APP->tables.active.space, KC_HUB_MAX + 2u, APP->input.telemetry.arm.q);
+    memcpy(APP->move.q_final, APP->input.telemetry.arm.q, sizeof APP->move.q_final);
+    APP->observe.at_stop = true;
+    APP->request.frame = KC_FRAME_NO_TAGS;
+    run_in(KC_ST_OBSERVE);
+    TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
+    TEST_ASSERT_TRUE(s_out.has_arm_cmd);
+    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(APP->move.q_final, s_out.arm_cmd.q, 7u);
+    TEST_ASSERT_FALSE(APP->observe.at_stop);
+}
+
 void test_who_settles_again_begins_its_time_again(void)
 {
     APP->rest = (kc_rest_t){true, 0u}; /* of the candidate before */
