@@ -241,8 +241,8 @@ static void replace_extra(kc_app_t *app)
 static void drop_unfinished(kc_app_t *app)
 {
     const kc_plan_t *plan = &app->plan;
-    const uint32_t used = plan->obs_of[plan->n_meas - 1u] +
-                          1u; /* without a pose there is nothing to propose */
+    /* without a pose there is nothing to propose */
+    const uint32_t used = plan->obs_of[plan->n_meas - 1u] + 1u;
     while (plan->n_obs > used) {
         kc_plan_drop_extra(&app->plan);
         app->est.n_obs--;

@@ -11,6 +11,7 @@ import pytest
 from environments import environment, run
 
 from kincal import workbench as wb
+from kincal_shared import keys
 from kincal_shared.installation import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -90,3 +91,11 @@ def picture(geometry):
     from kincal.console.picture import Picture
 
     return Picture(geometry)
+
+
+@pytest.fixture
+def key_file(tmp_path):
+    """A file with one new key."""
+    path = tmp_path / "keys"
+    keys.new(path)
+    return path

@@ -29,7 +29,6 @@ from kincal.console.sources import Live, Recording
 from kincal.console.words import joint_limit
 from kincal.review import journal
 from kincal.run.inprocess import simulate
-from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_sim.ports import private_port, private_url
 
@@ -40,13 +39,6 @@ GOOD = {"host": HOST, "origin": ORIGIN, "cookie": "kincal_8674=the-token"}
 JSON = {**GOOD, "content-type": "application/json"}
 DECIDED = (journal.SEEN, journal.ARMED, journal.APPROVED)
 EVIL = '<img src=x onerror="alert(1)">'
-
-
-@pytest.fixture
-def key_file(tmp_path):
-    path = tmp_path / "keys"
-    keys.new(path)
-    return path
 
 
 @pytest.fixture

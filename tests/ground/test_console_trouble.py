@@ -28,16 +28,8 @@ from kincal.console.memory import Memory
 from kincal.console.picture import Clock, Cursor, Picture
 from kincal.console.sources import Recording
 from kincal.operate.recording import Recorder
-from kincal_shared import keys
 from kincal_shared.errors import NoAnswer
 from kincal_sim.ports import private_port, private_url
-
-
-@pytest.fixture
-def key_file(tmp_path):
-    path = tmp_path / "keys"
-    keys.new(path)
-    return path
 
 
 @pytest.fixture

@@ -35,7 +35,6 @@ from kincal.pages import image
 from kincal.review import decisions, from_message, journal, kin_crc, reasons_to_reject
 from kincal.review.changes import KinValues
 from kincal.space.mjcf import ArmModel
-from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import signer_of
 
@@ -167,13 +166,6 @@ def test_what_cannot_be_known_is_said(tmp_path, beyond):
 
 BEYOND = {k: 1.1 * x for k, x in WORST.items()}
 NEAR = "clearance of verified segments (forearm_offset - mast, segment hub 2 to candidate 56)"
-
-
-@pytest.fixture
-def key_file(tmp_path):
-    path = tmp_path / "keys"
-    keys.new(path)
-    return path
 
 
 @pytest.fixture

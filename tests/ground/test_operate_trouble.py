@@ -30,13 +30,6 @@ NAMES = [f"c{i}" for i in range(54)]
 
 
 @pytest.fixture
-def key_file(tmp_path):
-    path = tmp_path / "keys"
-    keys.new(path)
-    return path
-
-
-@pytest.fixture
 def file(tmp_path):
     return tmp_path / "journal.jsonl"
 

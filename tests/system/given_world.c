@@ -35,6 +35,20 @@ void given_world(void)
     given_space(&world.space, 24u, 1u);
 }
 
+void overstate(kc_detection_t *d)
+{
+    for (uint32_t i = 0u; i < 36u; i++) { d->cov[i] *= 1e-2; }
+}
+
+void given_overstated_detections(void)
+{
+    world.spoil = overstate;
+    world.noise_m = 2e-3;
+    world.noise_rad = 8e-3;
+    world.config.frames_per_meas = 1u;
+    world.config.est.outlier_p = 0.0;
+}
+
 static void given_pose_of_seed(kc_cand_t *c)
 {
     kc_pose_t T;

@@ -87,6 +87,9 @@ void given_world(void);
  * of it, joint by joint. */
 #define LOCAL_STEP_RAD 0.2
 void given_local_poses(uint32_t n, uint32_t n_reserve);
+/* Detections with noise far above what they state; overstate is what is done to each. */
+void given_overstated_detections(void);
+void overstate(kc_detection_t *d);
 /* Load the tables (what the store holds first) and boot. */
 void world_boot(void);
 void world_tick(void);

@@ -61,19 +61,9 @@ void test_only_requested_coefficients_change(void)
     TEST_ASSERT_EQUAL_UINT32(1u, p->rank);
 }
 
-/* Detections that claim to be much better than they are. */
-static void boastful(kc_detection_t *d)
-{
-    for (uint32_t i = 0u; i < 36u; i++) { d->cov[i] *= 1e-2; }
-}
-
 void test_residuals_that_the_stated_noise_cannot_explain_make_the_fit_poor(void)
 {
-    world.spoil = boastful;
-    world.noise_m = 2e-3;
-    world.noise_rad = 8e-3;
-    world.config.frames_per_meas = 1u;
-    world.config.est.outlier_p = 0.0;
+    given_overstated_detections();
     world_calibrated();
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
     TEST_ASSERT_TRUE(world.proposal.noise_scale > world.config.poor_noise_scale);
@@ -84,9 +74,9 @@ void test_residuals_that_the_stated_noise_cannot_explain_make_the_fit_poor(void)
 
 static int spoil_one;
 
-static void boastful_and_one_far_off(kc_detection_t *d)
+static void overstated_and_one_far_off(kc_detection_t *d)
 {
-    boastful(d);
+    overstate(d);
     if (spoil_one && APP->plan.n_meas == 15u && world_measuring()) { d->p_cam_tool_m[1] += 0.05; }
 }
 
@@ -116,7 +106,7 @@ void test_residuals_before_are_those_of_the_table_in_force_at_the_poses_that_wer
     uint32_t n_kept = 0u;
     double rot_rad = 0.0;
     spoil_one = 1;
-    world.spoil = boastful_and_one_far_off;
+    world.spoil = overstated_and_one_far_off;
     world.config.n_poses = 24u;
     world.config.est.outlier_max = 1u;
     world_calibrated();
@@ -134,7 +124,7 @@ void test_an_unlikely_fit_that_used_up_what_may_be_rejected_is_poor_with_less_no
     static const kc_verdict_t verdict[] = {KC_VERDICT_CHANGE, KC_VERDICT_POOR};
     for (spoil_one = 0; spoil_one < 2; spoil_one++) {
         setUp();
-        world.spoil = boastful_and_one_far_off;
+        world.spoil = overstated_and_one_far_off;
         world.noise_m = 2e-3;
         world.noise_rad = 8e-3;
         world.config.sigma_pos_min_m = 11e-4;
@@ -225,11 +215,7 @@ void test_a_rejected_proposal_is_gone(void)
 
 static uint32_t given_poor(void)
 {
-    world.spoil = boastful;
-    world.noise_m = 2e-3;
-    world.noise_rad = 8e-3;
-    world.config.frames_per_meas = 1u;
-    world.config.est.outlier_p = 0.0;
+    given_overstated_detections();
     world_calibrated();
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
     return world.proposal.crc;

@@ -331,22 +331,13 @@ void test_an_arm_that_is_wrong_for_certain_ends_it_when_good_enough(void)
     TEST_ASSERT_TRUE(APP->learned.tested_early);
 }
 
-static void stated_ten_times_too_small(kc_detection_t *d)
-{
-    for (uint32_t i = 0u; i < sizeof d->cov / sizeof d->cov[0]; i++) { d->cov[i] *= 1e-2; }
-}
-
 /* Noise far above what is stated: a bound computed with it may be met, and still the model does not fit. */
 void test_a_poor_fit_does_not_end_it_as_good_enough(void)
 {
     setUp();
-    world.spoil = stated_ten_times_too_small;
-    world.noise_m = 2e-3;
-    world.noise_rad = 8e-3;
-    world.config.frames_per_meas = 1u;
+    given_overstated_detections();
     world.config.n_poses = 24u;
     world.config.stop_pos_m = 0.05;
-    world.config.est.outlier_p = 0.0;
     world_calibrated();
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
     TEST_ASSERT_TRUE(world.proposal.pred_pos_m < 0.05);
