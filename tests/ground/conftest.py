@@ -94,8 +94,8 @@ def picture(geometry):
 
 
 @pytest.fixture
-def key_file(tmp_path):
-    """A file with one new key."""
+def own_key_file(tmp_path):
+    """A file with one new key, of this test alone: its journal is empty."""
     path = tmp_path / "keys"
     keys.new(path)
     return path

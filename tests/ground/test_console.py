@@ -42,8 +42,8 @@ EVIL = '<img src=x onerror="alert(1)">'
 
 
 @pytest.fixture
-def client(picture, key_file):
-    desk = Desk("memq://", key_file, None, BIN, picture, timeout_s=0.2)
+def client(picture, own_key_file):
+    desk = Desk("memq://", own_key_file, None, BIN, picture, timeout_s=0.2)
     return TestClient(make_app(Console("memq://", picture.geometry, picture, desk), ACCESS), base_url=ORIGIN)
 
 
@@ -291,13 +291,13 @@ def flight():
 
 
 @pytest.fixture
-def live(flight, geometry, key_file):
+def live(flight, geometry, own_key_file):
     """A console on a flight process with a correction that waits."""
     picture = Picture(geometry)
     message = proposal()
     message.crc_terms = 0
     picture.add("KC_PROPOSAL", message)
-    desk = Desk(flight.url, key_file, None, BIN, picture, timeout_s=3.0)
+    desk = Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=3.0)
     app = make_app(Console(flight.url, geometry, picture, desk), ACCESS)
     with Live(flight.url, picture), TestClient(app, base_url=ORIGIN) as client:
         yield client
@@ -319,7 +319,7 @@ def test_abort_needs_no_key_and_no_words(flight, geometry, tmp_path):
     assert [opcode for opcode, _ in flight.commands] == [kcm.cmd_t.ABORT]
 
 
-def test_an_approval_takes_somebody_who_has_seen_it_then_two_steps(live, flight, key_file):
+def test_an_approval_takes_somebody_who_has_seen_it_then_two_steps(live, flight, own_key_file):
     crc, words = f"{CRC:08x}", {"by": "A. Reviewer", "why": "residuals clean"}
     at = f"/api/review/{crc}"
     refused = post(live, f"{at}/arm", number="1", **words)
@@ -339,7 +339,7 @@ def test_an_approval_takes_somebody_who_has_seen_it_then_two_steps(live, flight,
     assert post(live, f"{at}/go", number="5", **words).json()["ok"]
     assert flight.kin_crc == CRC
     assert [o for o, _ in flight.commands] == [kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO]
-    lines = journal.read(journal.place(None, key_file)).entries
+    lines = journal.read(journal.place(None, own_key_file)).entries
     assert [e.decision for e in lines if e.decision in DECIDED] == ["seen", "arm", "approve"]
 
 
@@ -372,11 +372,11 @@ def test_words_that_are_none_are_refused(live, flight):
     assert flight.commands == []
 
 
-def test_residuals_of_each_pose_are_shown_if_all_of_its_measurements_were_heard(geometry, key_file):
+def test_residuals_of_each_pose_are_shown_if_all_of_its_measurements_were_heard(geometry, own_key_file):
     run = simulate("healthy", seed=1)
     session = run.log.last_session
     picture = Picture(geometry)
-    desk = Desk("memq://", key_file, None, BIN, picture)
+    desk = Desk("memq://", own_key_file, None, BIN, picture)
     for m in session.measurements[:-1]:
         picture.add("KC_MEAS", m)
     picture.add("KC_PROPOSAL", session.proposal)
@@ -450,13 +450,13 @@ def test_what_is_kept_is_bounded_and_a_full_medium_ends_only_the_keeping(geometr
     assert memory.trouble
 
 
-def test_a_poor_fit_is_armed_by_an_override_only(geometry, key_file):
+def test_a_poor_fit_is_armed_by_an_override_only(geometry, own_key_file):
     message = proposal(verdict=kcm.proposal_t.POOR)
     message.crc_terms = 0
     with FakeFlight(proposal_crc=CRC, verdict=kcm.proposal_t.POOR) as flight:
         picture = Picture(geometry)
         picture.add("KC_PROPOSAL", message)
-        desk = Desk(flight.url, key_file, None, BIN, picture, timeout_s=3.0)
+        desk = Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=3.0)
         app = make_app(Console(flight.url, geometry, picture, desk), ACCESS)
         with Live(flight.url, picture), TestClient(app, base_url=ORIGIN) as client:
             at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "b"}
@@ -467,7 +467,7 @@ def test_a_poor_fit_is_armed_by_an_override_only(geometry, key_file):
             assert flight.commands == []
             assert post(client, f"{at}/arm", number="3", override="2 mm will do", **words).json()["ok"]
         assert flight.overrides == [1]
-    assert journal.read(journal.place(None, key_file)).entries[-1].override == "2 mm will do"
+    assert journal.read(journal.place(None, own_key_file)).entries[-1].override == "2 mm will do"
 
 
 # ---- the command
@@ -511,13 +511,13 @@ def test_a_port_that_is_taken_is_said():
             serve(Options("x", BIN, None, port=taken.getsockname()[1]), lambda _access: None)
 
 
-def test_an_abort_does_not_wait_for_a_decision_that_is_under_way(geometry, key_file):
+def test_an_abort_does_not_wait_for_a_decision_that_is_under_way(geometry, own_key_file):
     with FakeFlight(proposal_crc=CRC, dead=True) as flight:
         picture = Picture(geometry)
         message = proposal()
         message.crc_terms = 0
         picture.add("KC_PROPOSAL", message)
-        desk = Desk(flight.url, key_file, None, BIN, picture, timeout_s=8.0)
+        desk = Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=8.0)
         at, words = f"{CRC:08x}", Words("A", "b")
         desk.see(at, "A")
         desk.decide("arm", at, words)

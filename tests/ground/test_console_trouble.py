@@ -33,8 +33,8 @@ from kincal_sim.ports import private_port, private_url
 
 
 @pytest.fixture
-def client(picture, key_file):
-    desk = Desk("memq://", key_file, None, BIN, picture, timeout_s=0.2)
+def client(picture, own_key_file):
+    desk = Desk("memq://", own_key_file, None, BIN, picture, timeout_s=0.2)
     return TestClient(make_app(Console("memq://", picture.geometry, picture, desk), ACCESS), base_url=ORIGIN)
 
 
@@ -144,11 +144,11 @@ def test_a_proposal_with_other_values_does_not_stand_in_for_the_one_that_waits(p
 # ---- ABORT
 
 
-def test_an_abort_goes_out_while_every_other_request_waits(geometry, key_file):
+def test_an_abort_goes_out_while_every_other_request_waits(geometry, own_key_file):
     """All threads of the server were taken by requests that wait for one another."""
     with FakeFlight() as flight:
         picture = Picture(geometry)
-        desk = Desk(flight.url, key_file, None, BIN, picture, timeout_s=3.0)
+        desk = Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=3.0)
         app = make_app(Console(flight.url, geometry, picture, desk), ACCESS)
         with TestClient(app, base_url=ORIGIN) as client:
 
@@ -168,9 +168,9 @@ def test_an_abort_goes_out_while_every_other_request_waits(geometry, key_file):
                 thread.join()
 
 
-def test_a_request_that_failed_and_comes_again_is_not_carried_out_again(geometry, key_file):
+def test_a_request_that_failed_and_comes_again_is_not_carried_out_again(geometry, own_key_file):
     """Its answer was lost, and what it had failed by was not remembered."""
-    desk, calls = Desk("memq://", key_file, None, BIN, Picture(geometry)), []
+    desk, calls = Desk("memq://", own_key_file, None, BIN, Picture(geometry)), []
 
     def fails():
         calls.append(1)

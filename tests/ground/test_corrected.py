@@ -212,11 +212,11 @@ def test_show_says_it_as_text_as_json_and_on_the_page(tmp_path, too_near):
     assert found["clearance"]["reasons"] == [reason] and reason in found["look_at"]
 
 
-def test_an_approval_of_what_comes_too_near_takes_an_override_that_the_journal_keeps(too_near, key_file):
+def test_an_approval_of_what_comes_too_near_takes_an_override_that_the_journal_keeps(too_near, own_key_file):
     log, p = too_near
-    text, signer = f"{p.crc & 0xFFFFFFFF:08x}", signer_of(key_file)
-    shown(log, "--json", "--by", "A", "--keys", str(key_file))
-    file = journal.place(None, key_file)
+    text, signer = f"{p.crc & 0xFFFFFFFF:08x}", signer_of(own_key_file)
+    shown(log, "--json", "--by", "A", "--keys", str(own_key_file))
+    file = journal.place(None, own_key_file)
     (seen,) = journal.read(file, signer.known).entries
     assert seen.against[0].startswith(NEAR) and seen.against[0] in seen.why
     assert reviews.against([journal.read(file)], p.crc & 0xFFFFFFFF) == list(seen.against)
@@ -236,10 +236,14 @@ def test_an_approval_of_what_comes_too_near_takes_an_override_that_the_journal_k
     ]
 
 
-def test_what_one_person_knows_of_the_clearance_counts_for_everybody(too_near, key_file):
+def test_what_one_person_knows_of_the_clearance_counts_for_everybody(too_near, own_key_file):
     """A. saw the correction where clearance was not known, B. where it was: neither is asked to trust A."""
     _, p = too_near
-    text, signer, file = f"{p.crc & 0xFFFFFFFF:08x}", signer_of(key_file), journal.place(None, key_file)
+    text, signer, file = (
+        f"{p.crc & 0xFFFFFFFF:08x}",
+        signer_of(own_key_file),
+        journal.place(None, own_key_file),
+    )
     plain = from_message(p, [])
     flight = DirectFlight(signer).waits(plain.crc)
     a, b = (decisions.Operator(name, "why", file) for name in "AB")
@@ -260,12 +264,12 @@ def test_what_one_person_knows_of_the_clearance_counts_for_everybody(too_near, k
 
 
 @pytest.fixture
-def desk(too_near, key_file, beyond):
+def desk(too_near, own_key_file, beyond):
     """A console where the clearance is there at once; how far it is can be set."""
     _, p = too_near
     picture = Picture(Geometry(BIN))
     picture.add("KC_PROPOSAL", p)
-    desk = Desk("memq://", key_file, None, BIN, picture)
+    desk = Desk("memq://", own_key_file, None, BIN, picture)
     desk.clearances = SimpleNamespace(found=Found("done", beyond))
     desk.clearances.ask = lambda *_given: desk.clearances.found
     return desk, f"{p.crc & 0xFFFFFFFF:08x}", beyond.against
@@ -303,7 +307,7 @@ def test_nobody_has_seen_at_the_console_what_is_still_being_computed(desk, beyon
     assert desk.review(crc)["seen_by"] == ["A"] and len(desk.entries()) == 2
 
 
-def test_the_preview_of_a_rollback_says_how_near_the_arm_comes(tmp_path, key_file):
+def test_the_preview_of_a_rollback_says_how_near_the_arm_comes(tmp_path, own_key_file):
     """On the command line and in the console: from nominal back to what comes too near."""
     nominal, back = values({}), values(BEYOND)
     now, before = kin_image(nominal, 5), kin_image(back)
@@ -321,7 +325,7 @@ def test_the_preview_of_a_rollback_says_how_near_the_arm_comes(tmp_path, key_fil
     picture, hk = Picture(Geometry(BIN)), kcm.hk_t()
     hk.table_crc, hk.kin_prev_crc = [signed(c) for c in crcs], signed(before.crc)
     picture.add("KC_HK", hk)
-    desk = Desk("memq://", key_file, None, BIN, picture)
+    desk = Desk("memq://", own_key_file, None, BIN, picture)
     desk.clearances = SimpleNamespace(ask=lambda *_given: Found("done", found.corrected))
     desk._values = lambda crc: KinValues(crc, tuple(nominal if crc == now.crc else back))
     page = desk.rollback_preview()
@@ -333,7 +337,9 @@ def test_the_preview_of_a_rollback_says_how_near_the_arm_comes(tmp_path, key_fil
     assert other.changes.rows[0].name.startswith("coef[")  # the names would be those of others
 
 
-def test_the_console_knows_the_table_before_also_when_another_one_is_in_force(tmp_path, key_file, too_near):
+def test_the_console_knows_the_table_before_also_when_another_one_is_in_force(
+    tmp_path, own_key_file, too_near
+):
     """The folder of the tables in force holds one kinematics table, and a rollback brings back another."""
     _, p = too_near
     picture, hk = Picture(Geometry(BIN)), kcm.hk_t()
@@ -342,7 +348,7 @@ def test_the_console_knows_the_table_before_also_when_another_one_is_in_force(tm
     hk.kin_prev_crc = signed(in_force()[4])
     picture.add("KC_HK", hk)
     picture.add("KC_PROPOSAL", p)
-    desk = Desk("memq://", key_file, None, BIN, picture)
+    desk = Desk("memq://", own_key_file, None, BIN, picture)
     shelf = Shelf(BIN, tmp_path / "made", tmp_path / "read", desk)
     desk.elsewhere = lambda: (shelf.folder, shelf.read)
     shelf.adopt()
@@ -353,10 +359,10 @@ def test_the_console_knows_the_table_before_also_when_another_one_is_in_force(tm
         desk.rollback_preview()
 
 
-def test_what_was_not_recorded_is_asked_of_flight_with_the_tables_in_force(tmp_path, key_file):
+def test_what_was_not_recorded_is_asked_of_flight_with_the_tables_in_force(tmp_path, own_key_file):
     """Tables of the folder that are others are read back; what cannot be had is named."""
     image = kin_image(values(BEYOND), before=0x55)
-    flight = DirectFlight(signer_of(key_file)).waits(image.crc)
+    flight = DirectFlight(signer_of(own_key_file)).waits(image.crc)
     flight.hk.table_crc = [signed(c) for c in in_force()]
     flight.holds = {int(library("flight").constant("KC_STORE_PROPOSAL")): image.data}
     folder, n = tmp_path / "tables", iter(range(9))

@@ -77,10 +77,10 @@ def note(file, signer, text="a comment"):
 
 
 @pytest.mark.parametrize("trouble", ["no counter", "a folder", "a link", "locked", "full medium"])
-def test_an_abort_goes_out_whatever_is_wrong_with_the_counter(key_file, file, trouble):
+def test_an_abort_goes_out_whatever_is_wrong_with_the_counter(own_key_file, file, trouble):
     """It was lost: the counter has to be kept before a command can be signed."""
-    counter = keys.count_file(key_file, 2)
-    flight, held = Lander(keys.signer_of(key_file)), None
+    counter = keys.count_file(own_key_file, 2)
+    flight, held = Lander(keys.signer_of(own_key_file)), None
     if trouble == "no counter":
         counter.write_text("many\n")
     elif trouble == "a folder":
@@ -99,16 +99,16 @@ def test_an_abort_goes_out_whatever_is_wrong_with_the_counter(key_file, file, tr
     assert trouble != "full medium" or "not in the journal" in said[-1]
 
 
-def test_any_other_command_is_not_sent_if_it_cannot_be_counted(key_file, file):
-    keys.count_file(key_file, 2).write_text("many\n")
-    flight = Lander(keys.signer_of(key_file))
+def test_any_other_command_is_not_sent_if_it_cannot_be_counted(own_key_file, file):
+    keys.count_file(own_key_file, 2).write_text("many\n")
+    flight = Lander(keys.signer_of(own_key_file))
     with pytest.raises(BadInput, match="no counter"):
         act(flight, operate.start(), file)
     assert not flight.commands
 
 
-def test_a_counter_on_a_full_medium_is_an_error_for_people_and_stays(key_file):
-    signer = keys.signer_of(key_file)
+def test_a_counter_on_a_full_medium_is_an_error_for_people_and_stays(own_key_file):
+    signer = keys.signer_of(own_key_file)
     before = signer.count(2)
     with full_medium(0), pytest.raises(BadInput, match="the counter cannot be kept"):
         signer.count(2)
@@ -119,9 +119,9 @@ def test_a_counter_on_a_full_medium_is_an_error_for_people_and_stays(key_file):
 
 
 @pytest.mark.parametrize("room", [0, 20, "the line fits, its mark does not"])
-def test_a_full_medium_leaves_journal_and_mark_as_they_were(key_file, file, room, monkeypatch):
+def test_a_full_medium_leaves_journal_and_mark_as_they_were(own_key_file, file, room, monkeypatch):
     """A line without its mark made the next one look like one that somebody had appended."""
-    signer = keys.signer_of(key_file)
+    signer = keys.signer_of(own_key_file)
     note(file, signer)
     before = file.read_bytes(), journal.end_file(file).read_bytes()
     for _ in range(3):
@@ -148,16 +148,16 @@ def _no_room(opening, suffix):
 
 
 @pytest.mark.parametrize("place", ["a file/journal", "n" * 300])
-def test_a_journal_that_cannot_be_made_is_an_error_for_people(key_file, tmp_path, place):
+def test_a_journal_that_cannot_be_made_is_an_error_for_people(own_key_file, tmp_path, place):
     (tmp_path / "a file").write_text("")
     with pytest.raises(BadInput, match="the review journal cannot be kept"):
-        note(tmp_path / place, keys.signer_of(key_file))
+        note(tmp_path / place, keys.signer_of(own_key_file))
 
 
-def test_a_reader_never_sees_a_writer_half_done(key_file, file, monkeypatch):
+def test_a_reader_never_sees_a_writer_half_done(own_key_file, file, monkeypatch):
     """A line that was added between the reading of journal and mark made the journal look cut: a decision was
     refused, an audit raised alarm."""
-    signer, parse = keys.signer_of(key_file), journal._parsed
+    signer, parse = keys.signer_of(own_key_file), journal._parsed
     note(file, signer)
     writer = threading.Thread(target=lambda: note(file, signer))
 
@@ -174,8 +174,8 @@ def test_a_reader_never_sees_a_writer_half_done(key_file, file, monkeypatch):
 
 
 @pytest.mark.parametrize("using", ["read", "append"])
-def test_a_journal_that_another_program_holds_is_said_not_waited_for(key_file, file, using, monkeypatch):
-    signer = keys.signer_of(key_file)
+def test_a_journal_that_another_program_holds_is_said_not_waited_for(own_key_file, file, using, monkeypatch):
+    signer = keys.signer_of(own_key_file)
     note(file, signer)
     monkeypatch.setattr(journal, "LOCK_WAIT_S", 0.1)
     with file.open("r+") as held:
@@ -189,9 +189,9 @@ def test_a_journal_that_another_program_holds_is_said_not_waited_for(key_file, f
 
 
 @pytest.mark.parametrize("name", ["start", "arm", "go", "reject"])
-def test_a_command_that_flight_took_is_said_also_if_the_journal_is_full_by_then(key_file, file, name):
+def test_a_command_that_flight_took_is_said_also_if_the_journal_is_full_by_then(own_key_file, file, name):
     """The error of the journal stood alone, as if nothing had been sent."""
-    signer = keys.signer_of(key_file)
+    signer = keys.signer_of(own_key_file)
     flight = Lander(signer).waits(CRC) if name != "start" else Lander(signer)
     who = Operator("A. Operator", "because", file, 5.0)
     see(file, from_message(proposal(), NAMES), who.by, file, signer)
@@ -216,14 +216,14 @@ def test_a_command_that_flight_took_is_said_also_if_the_journal_is_full_by_then(
     assert flight.hk.state == STATE[state]
 
 
-def test_what_became_of_a_decision_is_written_also_if_somebody_else_wrote_meanwhile(key_file, file):
+def test_what_became_of_a_decision_is_written_also_if_somebody_else_wrote_meanwhile(own_key_file, file):
     """A comment of another console between attempt and outcome counted as the outcome."""
-    signer = keys.signer_of(key_file)
+    signer = keys.signer_of(own_key_file)
     flight = Lander(signer).waits(CRC)
     who = Operator("A. Operator", "because", file, 5.0)
     see(file, from_message(proposal(), NAMES), who.by, file, signer)
     flight.refuse[kcm.cmd_t.APPROVE_ARM] = (-8, 13)
-    flight.then = lambda _opcode: note(file, keys.signer_of(key_file))
+    flight.then = lambda _opcode: note(file, keys.signer_of(own_key_file))
     with pytest.raises(CommandFailed):
         arm(flight, f"{CRC:08x}", who)
     found = [(e.decision, e.command) for e in journal.read(file, signer.known).entries]
@@ -233,11 +233,11 @@ def test_what_became_of_a_decision_is_written_also_if_somebody_else_wrote_meanwh
 # ---- two at once
 
 
-def test_two_programs_that_begin_at_the_same_moment_do_not_share_answers(key_file, monkeypatch):
+def test_two_programs_that_begin_at_the_same_moment_do_not_share_answers(own_key_file, monkeypatch):
     """Their numbers came from the clock, to a quarter of a second: who was refused took the other's answer
     for its own, and the journal had two approvals."""
     monkeypatch.setattr("kincal.link.connection.time.time", lambda: 1_795_000_000.0)
-    first, second = (DirectFlight(keys.signer_of(key_file)) for _ in range(2))
+    first, second = (DirectFlight(keys.signer_of(own_key_file)) for _ in range(2))
     assert first.send("APPROVE_GO", (CRC,)) != second.send("APPROVE_GO", (CRC,))
     alone = DirectFlight(), DirectFlight()
     assert len({link.send("NOOP") for link in alone}) == 1  # flight wants these to grow from start to start
@@ -293,9 +293,9 @@ class Interleaved(DirectFlight):
 
 
 @pytest.mark.parametrize("numbers", [(500, 20), (20, 20)])
-def test_two_flights_with_one_clock_differ_in_the_numbers_of_their_messages(tmp_path, key_file, numbers):
+def test_two_flights_with_one_clock_differ_in_the_numbers_of_their_messages(tmp_path, own_key_file, numbers):
     """START went to both, and both moved the arm."""
-    flight = Interleaved(keys.signer_of(key_file), numbers)
+    flight = Interleaved(keys.signer_of(own_key_file), numbers)
     who = Operator("A", "why", tmp_path / "journal.jsonl")
     with pytest.raises(CommandFailed, match="START was not sent: two senders"):
         operate.act(flight, operate.start(), who, operate.Snapshot(), lambda _step: None)
@@ -303,7 +303,7 @@ def test_two_flights_with_one_clock_differ_in_the_numbers_of_their_messages(tmp_
     with pytest.raises(CommandFailed, match="APPROVE_ARM was not sent: two senders"):
         send(flight, "APPROVE_ARM", (1,), 5.0, lambda: None)
     assert flight.commands == []
-    alone = DirectFlight(keys.signer_of(key_file))
+    alone = DirectFlight(keys.signer_of(own_key_file))
     assert (
         operate.act(alone, operate.noop(), who, operate.Snapshot(), lambda _step: None).outcome
         == operate.DONE
@@ -331,8 +331,8 @@ def test_a_number_of_poses_that_flight_would_not_take_is_named_not_folded(poses)
 
 
 @pytest.mark.parametrize("number", [2**32, 2**32 + 1, -(2**31) - 1, 2**70])
-def test_a_link_refuses_what_an_argument_does_not_hold(key_file, number):
-    link = DirectFlight(keys.signer_of(key_file))
+def test_a_link_refuses_what_an_argument_does_not_hold(own_key_file, number):
+    link = DirectFlight(keys.signer_of(own_key_file))
     with pytest.raises(BadInput, match="START does not carry"):
         link.send("START", (-1, number, 1))
     assert not link.commands
@@ -343,8 +343,8 @@ def test_a_link_refuses_what_an_argument_does_not_hold(key_file, number):
 # ---- a journal that is gone
 
 
-def test_a_journal_that_is_gone_but_for_its_mark_is_not_an_empty_one(key_file, file):
-    signer = keys.signer_of(key_file)
+def test_a_journal_that_is_gone_but_for_its_mark_is_not_an_empty_one(own_key_file, file):
+    signer = keys.signer_of(own_key_file)
     note(file, signer)
     note(file, signer)
     file.unlink()
@@ -441,18 +441,18 @@ def test_a_calibration_describes_the_table_that_it_proposes():
         ("A", "w" * 1_000_000),
     ],
 )  # fmt: skip
-def test_words_that_no_journal_can_show_are_refused(key_file, file, by, why):
+def test_words_that_no_journal_can_show_are_refused(own_key_file, file, by, why):
     """A surrogate, which a browser or a shell may send, ended every later listing of the journal."""
     with pytest.raises(BadInput, match="for the journal|is no text"):
-        record(file, journal.COMMENT, 0, by, why, "", None, keys.signer_of(key_file))
+        record(file, journal.COMMENT, 0, by, why, "", None, keys.signer_of(own_key_file))
     assert not file.exists()
 
 
-def test_a_journal_that_holds_such_words_is_listed_all_the_same(key_file, file, monkeypatch, capfd):
+def test_a_journal_that_holds_such_words_is_listed_all_the_same(own_key_file, file, monkeypatch, capfd):
     monkeypatch.setattr("kincal.review.check_words", lambda _by, _why: None)
     hostile = "A\ud800\u061c"
-    record(file, journal.COMMENT, 0, hostile, hostile, "", None, keys.signer_of(key_file))
-    run = kincal("audit", "log", "--journal", file, "--keys", key_file)
+    record(file, journal.COMMENT, 0, hostile, hostile, "", None, keys.signer_of(own_key_file))
+    run = kincal("audit", "log", "--journal", file, "--keys", own_key_file)
     run.output.encode()
     assert run.exit_code == 0 and "A\\xd800\\x61c" in run.output
     assert "Traceback" not in capfd.readouterr().err
