@@ -54,6 +54,15 @@ class Field:
 
 
 @dataclass(frozen=True)
+class Enum:
+    """Constants that flight has as an enumeration. prefix: of their names there; constants: (name, value)."""
+
+    type: str
+    prefix: str
+    constants: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True)
 class Message:
     """A message type. flight: lines of its comment that begin with "Flight", as (key, text)."""
 
@@ -61,14 +70,26 @@ class Message:
     comment: str
     fields: tuple[Field, ...]
     constants: tuple[tuple[str, int], ...]
+    enums: tuple[Enum, ...]
     channels: tuple[tuple[str, ...], ...]
     flight: tuple[tuple[str, str], ...]
+
+
+def _enum(path: Path, text: str, constants: list[tuple[str, int]]) -> Enum:
+    type_, _, prefix = text.partition(" ")
+    if not re.fullmatch(r"kc_\w+_t", type_) or not re.fullmatch(r"KC_[A-Z_]*", prefix):
+        raise SystemExit(
+            f"{path}: {text!r} after `// flight:` means nothing; behind constants `kc_x_t KC_X_`: "
+            'see "Message files" in docs/DEVELOPING.md'
+        )
+    return Enum(type_, prefix, tuple(constants))
 
 
 def parse(path: Path) -> Message:
     """A .lcm file. SystemExit for what cannot be read."""
     fields: list[Field] = []
     constants: list[tuple[str, int]] = []
+    enums: list[Enum] = []
     flight: list[tuple[str, str]] = []
     about, comment, statement = "", [], ""
     for line in path.read_text("utf-8").splitlines():
@@ -87,7 +108,10 @@ def parse(path: Path) -> Message:
             if not statement.endswith(";"):
                 continue
             if "const" in statement:
-                constants += [(n, int(v)) for n, v in re.findall(r"(\w+)\s*=\s*(-?\d+)", statement)]
+                found = [(n, int(v)) for n, v in re.findall(r"(\w+)\s*=\s*(-?\d+)", statement)]
+                constants += found
+                if behind:
+                    enums.append(_enum(path, behind, found))
             elif found := re.fullmatch(r"\s*(\w+)\s+(\w+)((?:\[\w+\])*);", statement):
                 parts = tuple(re.split(r",\s*", behind)) if behind else ()
                 fields.append(Field(found[2], found[1] + found[3], " ".join(comment), parts))
@@ -102,6 +126,7 @@ def parse(path: Path) -> Message:
         CHANNEL.sub("", about).strip(),
         tuple(fields),
         tuple(constants),
+        tuple(enums),
         tuple(channels),
         tuple(flight),
     )

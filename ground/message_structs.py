@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from math import isqrt
 from pathlib import Path
 
-from lcm_files import FOLDER, Field, Message, messages
+from lcm_files import FOLDER, Enum, Field, Message, messages
 
 BY_HAND = "by hand"
 WORDS = ("unsigned", "flag", "real", "triangle", "gathered", "bytes", "edge", "received")
@@ -155,6 +155,12 @@ def declaration(s: Struct) -> str:
     return "\n".join([*out, f"}} {s.name};"])
 
 
+def enumeration(e: Enum, message: Message) -> str:
+    """Constants of a message in C."""
+    rows = ",\n".join(f"    {e.prefix}{name} = {value}" for name, value in e.constants)
+    return f"/* fsw/msg/{message.name}.lcm */\ntypedef enum {{\n{rows}\n}} {e.type};"
+
+
 def inputs(structs: list[Struct]) -> str:
     """Numbers and names of the fields of inputs, for events. SystemExit if two numbers are the same."""
     rows, taken = [], set()
@@ -182,7 +188,12 @@ def header(path: str, structs: list[Struct]) -> str:
         MADE,
         f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
         "".join(f'#include "{need}"\n' for need in needs),
-        "\n\n".join(declaration(s) for s in structs) + "\n",
+        "\n\n".join(
+            text
+            for s in structs
+            for text in (*(enumeration(e, s.message) for e in s.message.enums), declaration(s))
+        )
+        + "\n",
     ]
     if any(m.number for s in structs for m in s.members):
         parts.append(inputs(structs) + "\n")

@@ -7,7 +7,6 @@
 #include "kc_answer.h"
 #include "kc_channels.h"
 #include "kc_counters.h"
-#include "kc_opcodes.h"
 #include "kc_view.h"
 
 typedef struct {

@@ -8,7 +8,13 @@
 #define KC_COUNTERS_H
 
 #include "kc_auth.h"
-#include "kc_opcodes.h"
+#include "kc_messages.h"
+
+#define KC_SOURCE_MAX 2u /* sequence numbers are kept per source: kc_source_t */
+
+/* What may come signed. Each has counters of its own, so that their order within a step does not matter. */
+typedef enum { KC_SIGNED_CMD = 0, KC_SIGNED_CHUNK = 1 } kc_signed_kind_t;
+#define KC_SIGNED_COUNT 2u
 
 typedef struct {
     uint32_t key_id; /* 0: free, or counters of the former journal, which knew of no keys */

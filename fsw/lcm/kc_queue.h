@@ -16,7 +16,7 @@
 #include <stdbool.h>
 
 #include "kc_channels.h"
-#include "kc_opcodes.h"
+#include "kc_counters.h"
 
 /* Accounts of commands: of each source what is vouched for, ABORT of anybody, and all else. Each has room for
  * KC_Q_CMD_QUOTA, so that none crowds out another. */

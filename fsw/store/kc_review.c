@@ -2,8 +2,6 @@
 
 #include <string.h>
 
-#include "kc_opcodes.h"
-
 uint32_t kc_review_encode(kc_review_t *review, const kc_kin_t *kin, kc_verdict_t verdict)
 {
     review->verdict = (uint32_t)verdict;

@@ -12,6 +12,10 @@
 #include "kc_verdict.h"
 #include "kc_view.h"
 
+/* arg_i[1] of APPROVE_ARM. FIT: although the fit is poor, or its verdict is not known. */
+#define KC_OVERRIDE_NONE 0
+#define KC_OVERRIDE_FIT 1
+
 typedef struct {
     kc_kin_t kin;
     uint8_t image[KC_KIN_IMAGE_MAX];

@@ -71,6 +71,13 @@ def test_the_edge_fills_in_what_is_sent(tmp_path):
     assert "(const kc_a_t *from, int64_t t_us, int32_t seq, kcm_a_t *to)" in texts["lcm/kc_wire.h"]
 
 
+def test_constants_are_an_enumeration_of_flight(tmp_path):
+    text = made(tmp_path, "const int32_t GO = 1,\n    NOT = -1; // flight: kc_way_t KC_WAY_")[
+        "messages/kc_messages.h"
+    ]
+    assert "typedef enum {\n    KC_WAY_GO = 1,\n    KC_WAY_NOT = -1\n} kc_way_t;" in text
+
+
 def test_inputs_have_numbers_and_names(tmp_path):
     text = made(tmp_path, "double a[3]; // flight: input 110 THING_A")["messages/kc_messages.h"]
     assert 'X(110, 3u, THING_A, "thing a")' in text
@@ -82,6 +89,7 @@ def test_inputs_have_numbers_and_names(tmp_path):
         ("double a; // flight: unsinged", "a: 'unsinged' after `// flight:` means nothing"),
         ("double a; // flight: [3]", "a: '[3]' after `// flight:` means nothing"),
         ("int32_t n;\ndouble a[n];", "a: flight takes single values and arrays of one fixed length"),
+        ("const int32_t A = 1; // flight: KC_A_", "behind constants `kc_x_t KC_X_`"),
         (
             "double a[3]; // flight: input 110 A\ndouble b; // flight: input 112 B",
             "b: another field has number 112",

@@ -245,7 +245,7 @@ TERMS = (
     ("states", "fsw/state/kc_states.h", enum("KC_ST_")),
     ("causes", "fsw/tables/kc_events.h", matches(r'\bX\(\d+, ([A-Z]\w+),\s*"')),
     ("verdicts", "fsw/decide/kc_verdict.h", enum("KC_VERDICT_")),
-    ("opcodes", "fsw/command/kc_opcodes.h", enum("KC_CMD_")),
+    ("opcodes", "fsw/msg/cmd_t.lcm", matches(r"\b(?!SRC_)([A-Z_]+) = \d")),
     ("coefficient statuses", "fsw/estimate/kc_estimate.h", enum("KC_COEF_")),
     ("monitor states", "fsw/estimate/kc_monitor.h", enum("KC_MON_")),
     ("events", "fsw/tables/kc_events.h", matches(r"\bX\(\d+, ([A-Z]\w+),\s*(?:DEBUG|INFO|WARN|ERROR)\b")),

@@ -8,7 +8,6 @@
 
 #include "kc_app_parts.h"
 #include "kc_input_fields.h"
-#include "kc_opcodes.h"
 
 #define TICK_US 100000u
 #define WORLD_KINDS 20u

@@ -6,7 +6,6 @@
 
 #include "given_parts.h"
 #include "kc_input_fields.h"
-#include "kc_opcodes.h"
 #include "unity.h"
 
 #define ALL ((1ull << 28) - 1u) /* coefficients */

@@ -2,7 +2,6 @@
 #include "kc_holder.h"
 
 #include "given_parts.h"
-#include "kc_opcodes.h"
 #include "unity.h"
 
 static kc_config_t *s_config;

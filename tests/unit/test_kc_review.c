@@ -5,7 +5,6 @@
 
 #include "given_parts.h"
 #include "given_tables.h"
-#include "kc_opcodes.h"
 #include "unity.h"
 
 #define COEF 24u

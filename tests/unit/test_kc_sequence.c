@@ -6,7 +6,6 @@
 
 #include "given_tables.h"
 #include "kc_app_parts.h"
-#include "kc_opcodes.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
