@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_parts.h"
 #include "given_tables.h"
 #include "kc_crc.h"
 #include "kc_rng.h"
@@ -366,12 +367,8 @@ static void listen(void)
 
 void world_sign_cmd(kc_cmd_t *c)
 {
-    uint8_t head[KC_SIGNED_HEAD_MAX];
     if (c->t_us == 0u) { c->t_us = (uint64_t)((int64_t)world.now_us + world.skew_us); }
-    c->auth.key_id = world.keys.key[world.signer].id;
-    c->auth.counter = ++world.counter;
-    kc_auth_text_t text = kc_signed_cmd(c, head);
-    kc_auth_mac(&world.keys.key[world.signer], &text, c->auth.mac);
+    given_signature(c, &world.keys.key[world.signer], ++world.counter);
     world.sent[world.counter % KC_CMD_QUEUE_MAX] = *c;
 }
 

@@ -3,23 +3,13 @@
 #include <string.h>
 
 #include "given_tables.h"
+#include "kc_signed.h"
 #include "unity.h"
 
 parts_t parts;
 
-void given_parts(void)
+static void given_active(kc_active_t *a)
 {
-    kc_active_t *a = &parts.tables.active;
-    memset(&parts, 0, sizeof parts);
-    parts.view = (kc_view_t){.clock = &parts.clock,
-                             .place = &parts.place,
-                             .tables = a,
-                             .telemetry = &parts.telemetry,
-                             .cal = &parts.cal,
-                             .plan = &parts.plan,
-                             .learned = &parts.learned,
-                             .est = &parts.est,
-                             .servo_steps = &parts.servo_steps};
     given_arm(&a->arm);
     given_camera(&a->camera);
     given_terms(&a->terms);
@@ -28,6 +18,41 @@ void given_parts(void)
     given_config(&a->config);
     for (uint32_t kind = 1u; kind < KC_TBL_COUNT; kind++) { a->crc[kind] = PARTS_CRC + kind; }
     given_space(&a->space, 9u, a->crc[KC_TBL_ARM]);
+}
+
+void given_app(void)
+{
+    kc_app_t *app = &kc_app_instance;
+    kc_app_init(app);
+    given_active(&app->tables.active);
+    app->clock = (kc_clock_t){PARTS_NOW_US, PARTS_NOW_US};
+    app->place.since_us = PARTS_NOW_US;
+    app->input.telemetry.has_arm = app->input.telemetry.has_pantilt = true;
+    app->input.telemetry.arm_ok_us = app->input.telemetry.pantilt_ok_us = PARTS_NOW_US;
+}
+
+void given_signature(kc_cmd_t *cmd, const kc_key_t *key, uint64_t counter)
+{
+    uint8_t head[KC_SIGNED_HEAD_MAX];
+    cmd->auth.key_id = key->id;
+    cmd->auth.counter = counter;
+    kc_auth_text_t text = kc_signed_cmd(cmd, head);
+    kc_auth_mac(key, &text, cmd->auth.mac);
+}
+
+void given_parts(void)
+{
+    memset(&parts, 0, sizeof parts);
+    parts.view = (kc_view_t){.clock = &parts.clock,
+                             .place = &parts.place,
+                             .tables = &parts.tables.active,
+                             .telemetry = &parts.telemetry,
+                             .cal = &parts.cal,
+                             .plan = &parts.plan,
+                             .learned = &parts.learned,
+                             .est = &parts.est,
+                             .servo_steps = &parts.servo_steps};
+    given_active(&parts.tables.active);
     parts.clock.now_us = parts.clock.clock_us = parts.place.since_us = PARTS_NOW_US;
     parts.cal.candidate = -1;
 }

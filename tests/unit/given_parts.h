@@ -4,6 +4,7 @@
 #define GIVEN_PARTS_H
 
 #include "kc_answer.h"
+#include "kc_app_parts.h"
 #include "kc_channels.h"
 #include "kc_view.h"
 
@@ -27,6 +28,10 @@ extern parts_t parts;
 #define PARTS_CRC 0x1000u
 #define PARTS_NOW_US 4000000000u
 void given_parts(void);
+/* The same in kc_app_instance, idle, with an arm and a pan-tilt unit that were heard just now. */
+void given_app(void);
+/* Sign a command. */
+void given_signature(kc_cmd_t *cmd, const kc_key_t *key, uint64_t counter);
 /* Whether exactly this event came since the last call; the outputs are cleared. */
 void expect_event(kc_event_id_t id, int32_t index, double got, double want);
 /* Whether a command was refused with this answer, and exactly this event came. */
