@@ -508,6 +508,16 @@ void world_started(void)
     (void)world_do(KC_CMD_START, -1, 0, 3);
 }
 
+uint32_t world_kin_crc(void) { return kc_app_active(&kc_app_instance)->crc[KC_TBL_KIN]; }
+
+uint32_t world_approve(void)
+{
+    const int32_t crc = (int32_t)world.proposal.crc;
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, crc, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_GO, crc, 0, 0));
+    return world.proposal.crc;
+}
+
 void world_calibrated(void)
 {
     world_started();

@@ -115,6 +115,9 @@ bool world_stored(uint32_t max);
 void world_started(void);
 /* A calibration from START to its end. */
 void world_calibrated(void);
+/* The proposal approved in both steps; its CRC. CRC of the correction in force. */
+uint32_t world_approve(void);
+uint32_t world_kin_crc(void);
 /* A test has changed the active table of this kind in memory on purpose: flight shall take it as it is. */
 void world_seal(uint16_t kind);
 /* Power loss: only the store remains. */
