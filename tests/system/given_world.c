@@ -5,7 +5,6 @@
 
 #include "given_parts.h"
 #include "given_tables.h"
-#include "kc_crc.h"
 #include "kc_rng.h"
 #include "kc_signed.h"
 #include "kc_vec.h"
@@ -437,11 +436,7 @@ bool world_until_event(uint32_t id, uint32_t max)
     return world.events[id] > before;
 }
 
-void world_seal(uint16_t kind)
-{
-    kc_active_t *a = &kc_app_instance.tables.active;
-    a->seal[kind] = kc_crc32(0u, kc_tbl_active_ptr(a, kind), kc_tbl_active_bytes(kind));
-}
+void world_seal(uint16_t kind) { given_seal(&kc_app_instance.tables.active, kind); }
 
 void world_kin(kc_kin_t *kin)
 {

@@ -3,10 +3,17 @@
 #include <string.h>
 
 #include "given_tables.h"
+#include "kc_crc.h"
 #include "kc_signed.h"
 #include "unity.h"
 
 parts_t parts;
+
+void given_seal(kc_active_t *a, uint16_t kind)
+{
+    const void *at = kind == 0u ? &a->kin_prev : kc_tbl_active_ptr(a, kind);
+    a->seal[kind] = kc_crc32(0u, at, kc_tbl_active_bytes(kind));
+}
 
 static void given_active(kc_active_t *a)
 {
@@ -18,6 +25,7 @@ static void given_active(kc_active_t *a)
     given_config(&a->config);
     for (uint32_t kind = 1u; kind < KC_TBL_COUNT; kind++) { a->crc[kind] = PARTS_CRC + kind; }
     given_space(&a->space, 9u, a->crc[KC_TBL_ARM]);
+    for (uint16_t kind = 0u; kind < KC_TBL_COUNT; kind++) { given_seal(a, kind); }
 }
 
 void given_app(void)

@@ -30,6 +30,8 @@ extern parts_t parts;
 void given_parts(void);
 /* The same in kc_app_instance, idle, with an arm and a pan-tilt unit that were heard just now. */
 void given_app(void);
+/* A test has changed this table in memory on purpose: flight shall take it as it is. Kind 0: kin_prev. */
+void given_seal(kc_active_t *a, uint16_t kind);
 /* Sign a command. */
 void given_signature(kc_cmd_t *cmd, const kc_key_t *key, uint64_t counter);
 /* Whether exactly this event came since the last call; the outputs are cleared. */
