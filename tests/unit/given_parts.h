@@ -30,6 +30,10 @@ extern parts_t parts;
 void given_parts(void);
 /* The same in kc_app_instance, idle, with an arm and a pan-tilt unit that were heard just now. */
 void given_app(void);
+/* What a camera whose tilt is off shows of this arm: pose, range and covariance. */
+void given_detection(const kc_arm_t *arm, const double *q, double tilt_rad, kc_detection_t *det);
+/* n poses are measured, with noise times `noise`, of an arm whose joint 7 is off; nothing is estimated yet. */
+void given_measured(uint32_t n, double phi_rad, double noise, double tilt_rad);
 /* A test has changed this table in memory on purpose: flight shall take it as it is. Kind 0: kin_prev. */
 void given_seal(kc_active_t *a, uint16_t kind);
 /* Sign a command. */

@@ -51,14 +51,8 @@ static kc_outcome_id_t with(kc_frame_t frame)
 /* The frame shows the tool where the true arm has it, whose joint 7 is off by phi_rad. */
 static kc_outcome_id_t shown(double phi_rad)
 {
-    kc_pose_t tool, T;
     s_true.joint[6].phi_rad = parts.tables.active.arm.joint[6].phi_rad + phi_rad;
-    kc_arm_fk(&s_true, parts.telemetry.arm.q, &tool);
-    kc_camera_pose(s_camera, 0.0, 0.0, &T);
-    kc_pose_inv(&T, &T);
-    kc_pose_mul(&T, &tool, &T);
-    memcpy(s_request.det.p_cam_tool_m, T.p_m, sizeof T.p_m);
-    kc_R_to_quat(T.R, s_request.det.q_cam_tool_wxyz);
+    given_detection(&s_true, parts.telemetry.arm.q, 0.0, &s_request.det);
     return with(KC_FRAME_DETECTED);
 }
 
