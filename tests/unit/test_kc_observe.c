@@ -106,15 +106,15 @@ void test_a_detection_in_the_search_counts_for_aiming_and_as_seen(void)
 }
 
 /* Done or not; of others than DONE and SKIP, what it is. */
-void test_a_measurement_on_the_way_is_of_use_but_not_needed(void)
+void test_a_measurement_before_the_candidate_is_of_use_but_not_needed(void)
 {
     static const kc_outcome_id_t measured[] = {KC_OC_STAY, KC_OC_ABORT, KC_OC_DISTURBED, KC_OC_DONE,
                                                KC_OC_SKIP};
     for (uint32_t at = KC_AT_CANDIDATE; at <= KC_AT_STOP; at++) {
         s_observe.taken_at = (kc_taken_at_t)at;
         for (uint32_t i = 0u; i < 5u; i++) {
-            kc_outcome_id_t on_the_way = at == KC_AT_STOP ? KC_OC_ONWARD : KC_OC_SERVO;
-            TEST_ASSERT_EQUAL_INT(i < 3u || at == KC_AT_CANDIDATE ? measured[i] : on_the_way,
+            kc_outcome_id_t earlier = at == KC_AT_STOP ? KC_OC_ONWARD : KC_OC_SERVO;
+            TEST_ASSERT_EQUAL_INT(i < 3u || at == KC_AT_CANDIDATE ? measured[i] : earlier,
                                   kc_observe_measured(&s_observe, kc_outcome(measured[i])).id);
         }
     }
@@ -194,7 +194,7 @@ static void given_extra(uint32_t most)
 }
 
 /* The goal is 0.4 rad away; the last extra observation was `last_rad` from here, if there was one. */
-void test_it_observes_on_the_way_where_that_tells_something_new_and_there_is_room(void)
+void test_it_observes_before_the_candidate_where_that_tells_something_new_and_there_is_room(void)
 {
     static const struct {
         uint32_t most, n_extra, n_obs;
