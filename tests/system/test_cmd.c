@@ -53,22 +53,6 @@ static void accepted(void)
 
 /* ---- source, sequence, opcode ---- */
 
-void test_noop_is_answered_with_source_number_and_opcode(void)
-{
-    given_idle();
-    kc_cmd_t *c = world_cmd(KC_CMD_NOOP, 0, 0, 0);
-    c->source = 2;
-    c->seq = 41;
-    accepted();
-    TEST_ASSERT_EQUAL_INT(2, world.ack.source);
-    TEST_ASSERT_EQUAL_INT(41, world.ack.seq);
-    TEST_ASSERT_EQUAL_INT(KC_CMD_NOOP, world.ack.opcode);
-    const kc_event_t *e = &world.last[KC_EVT_CMD_ACCEPTED];
-    TEST_ASSERT_EQUAL_INT(41, e->index);
-    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CMD_NOOP, e->got);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
-}
-
 void test_a_repeated_or_older_command_number_is_refused(void)
 {
     for (int32_t back = 0; back < 3; back++) {
@@ -245,33 +229,6 @@ void test_more_commands_than_one_step_takes_are_left_out(void)
     TEST_ASSERT_EQUAL_UINT32(KC_CMD_QUEUE_MAX, world.n_acks);
 }
 
-/* ---- START ---- */
-
-void test_start_takes_its_arguments(void)
-{
-    given_idle();
-    world_cmd(KC_CMD_START, KC_ACQ_RANDOM, 4, 9)->arg_u64 = 0xffu;
-    accepted();
-    TEST_ASSERT_EQUAL_UINT32(4u, APP->plan.n_goal);
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, APP->cal.acq);
-    TEST_ASSERT_EQUAL_UINT64(0xffu, APP->est.opt.free_mask);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_START));
-}
-
-void test_start_away_from_every_verified_place_is_refused(void)
-{
-    world.q[0] = world.q_cmd[0] = 2.5;
-    world.q[1] = world.q_cmd[1] = -1.9;
-    world.q[6] = world.q_cmd[6] = 2.9;
-    given_idle();
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    refused(KC_ERR_PATH, KC_EVT_CAL_NO_PATH);
-    const kc_event_t *e = &world.last[KC_EVT_CAL_NO_PATH];
-    TEST_ASSERT_EQUAL_INT(-1, e->index);
-    TEST_ASSERT_TRUE(e->got > 1.0 && e->got < 1e6); /* servo bounds to the nearest place */
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, e->want);
-}
-
 /* ---- commands in the wrong state ---- */
 
 void test_tables_cannot_change_while_a_calibration_runs(void)
@@ -336,19 +293,6 @@ void test_a_start_in_the_step_that_stores_a_table_is_refused(void)
     TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
     TEST_ASSERT_EQUAL_MEMORY(s_image, world.store[KC_TBL_CONFIG][0], s_n);
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
-}
-
-void test_what_is_staged_is_discarded_on_command_and_by_a_start(void)
-{
-    given_new_config();
-    (void)world_upload(KC_TBL_CONFIG, s_image, s_n);
-    (void)world_cmd(KC_CMD_TABLE_DISCARD, 0, 0, 0);
-    accepted();
-    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
-    (void)world_upload(KC_TBL_CONFIG, s_image, s_n);
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    accepted();
-    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_TBL_DISCARDED));
 }
 
 /* An image with one thing wrong: refused with this event when it is validated, the active table untouched. */

@@ -174,7 +174,7 @@ void test_what_has_to_be_stored_is_answered_only_when_it_is_stored(void)
     for (uint32_t i = 0u; i < 3u; i++) {
         APP->place.state = cases[i].state;
         uint32_t named = i < 2u ? crc : PARTS_CRC + KC_TBL_KIN;
-        TEST_ASSERT_EQUAL_INT(KC_OC_STORE, sent(cases[i].opcode, (int32_t)named, 0, 0, 0).id);
+        TEST_ASSERT_EQUAL_INT(KC_OC_STORE, sent((int32_t)cases[i].opcode, (int32_t)named, 0, 0, 0).id);
         TEST_ASSERT_EQUAL_UINT32(0u, s_out.n_ack);
         TEST_ASSERT_EQUAL_INT(cases[i].change, APP->change.kind);
         TEST_ASSERT_EQUAL_INT(i == 2u, APP->change.safe);
