@@ -49,7 +49,7 @@ void given_overstated_detections(void)
     world.config.est.outlier_p = 0.0;
 }
 
-static void given_pose_of_seed(kc_cand_t *c)
+void given_pose_of_seed(kc_cand_t *c)
 {
     kc_pose_t T;
     double q[KC_JOINT_MAX], quat[4];

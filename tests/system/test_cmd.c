@@ -273,46 +273,6 @@ void test_a_table_goes_up_and_becomes_active_and_is_stored(void)
     TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
 }
 
-void test_a_start_in_the_step_that_stores_a_table_is_refused(void)
-{
-    given_new_config();
-    int32_t crc = world_upload(KC_TBL_CONFIG, s_image, s_n);
-    (void)world_do(KC_CMD_TABLE_VALIDATE, KC_TBL_CONFIG, crc, 0);
-    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(2u,
-                             world.n_acks); /* VALIDATE and START; ACTIVATE is answered when it is stored */
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world.ack.status);
-    TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_STATE, world.ack.event_id);
-    TEST_ASSERT_EQUAL_UINT32(6u, kc_app_active(APP)->config.n_poses);
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(3u, world.n_acks);
-    TEST_ASSERT_EQUAL_INT(KC_CMD_TABLE_ACTIVATE, world.ack.opcode);
-    TEST_ASSERT_EQUAL_INT(KC_OK, world.ack.status);
-    TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
-    TEST_ASSERT_EQUAL_MEMORY(s_image, world.store[KC_TBL_CONFIG][0], s_n);
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
-}
-
-/* An image with one thing wrong: refused with this event when it is validated, the active table untouched. */
-static void image_refused(int32_t status, uint16_t event)
-{
-    int32_t crc = world_upload(KC_TBL_CONFIG, s_image, s_n);
-    (void)world_cmd(KC_CMD_TABLE_VALIDATE, KC_TBL_CONFIG, crc, 0);
-    refused(status, event);
-    TEST_ASSERT_EQUAL_UINT32(6u, kc_app_active(APP)->config.n_poses);
-    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
-    refused(KC_ERR_STATE, KC_EVT_TBL_NOT_READY);
-}
-
-void test_a_table_with_a_wrong_payload_crc_is_refused(void)
-{
-    given_new_config();
-    s_image[KC_TBL_HDR_BYTES + 20u] ^= 1u;
-    image_refused(KC_ERR_CRC, KC_EVT_TBL_CRC);
-}
-
 void test_chunks_out_of_order_or_of_no_kind_are_refused(void)
 {
     given_new_config();
@@ -332,45 +292,6 @@ void test_chunks_out_of_order_or_of_no_kind_are_refused(void)
         TEST_ASSERT_EQUAL_UINT32(i + 1u, world_events(KC_EVT_TBL_FORMAT));
         TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
     }
-}
-
-static void activate_staged(uint16_t kind)
-{
-    int32_t crc = world_upload(kind, s_image, s_n);
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_VALIDATE, kind, crc, 0));
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_ACTIVATE, kind, crc, 0));
-}
-
-void test_a_correction_that_comes_up_is_stored_with_the_one_before_it(void)
-{
-    static kc_kin_t kin;
-    given_idle();
-    uint32_t nominal = kc_app_active(APP)->crc[KC_TBL_KIN];
-    world_kin(&kin);
-    kin.value[3] = 0.01;
-    s_n = given_image(KC_TBL_KIN, &kin, s_image);
-    activate_staged(KC_TBL_KIN);
-    TEST_ASSERT_EQUAL_MEMORY(s_image, world.store[KC_TBL_KIN][0], s_n);
-    TEST_ASSERT_EQUAL_UINT32(nominal,
-                             kc_tbl_image_crc(world.store[KC_STORE_PREV][0], world.stored[KC_STORE_PREV][0]));
-}
-
-void test_a_new_arm_drops_what_was_made_for_the_old_one_from_the_store_too(void)
-{
-    test_a_correction_that_comes_up_is_stored_with_the_one_before_it();
-    world.stored[KC_TBL_SPACE][0] = 16u; /* whatever was there */
-    world.arm.tool_xyz_m[2] = 0.2;
-    s_n = given_image(KC_TBL_ARM, &world.arm, s_image);
-    activate_staged(KC_TBL_ARM);
-    const kc_active_t *a = kc_app_active(APP);
-    TEST_ASSERT_EQUAL_UINT32(0u, a->crc[KC_TBL_SPACE]);
-    TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_TBL_SPACE][0]);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, a->kin.value[3]);
-    uint32_t nominal = a->crc[KC_TBL_KIN];
-    world_restart();
-    TEST_ASSERT_EQUAL_UINT32(nominal, kc_app_active(APP)->crc[KC_TBL_KIN]);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_app_active(APP)->kin.value[3]);
-    TEST_ASSERT_EQUAL_UINT32(kc_tbl_image_crc(s_image, s_n), kc_app_active(APP)->crc[KC_TBL_ARM]);
 }
 
 /* ---- tables down ---- */

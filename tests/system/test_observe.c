@@ -70,20 +70,6 @@ void test_of_two_solutions_that_fit_the_one_the_model_expects_is_taken(void)
 
 /* ---- servo ---- */
 
-void test_servo_steps_bring_the_tool_to_the_candidate(void)
-{
-    world.truth.joint[6].phi_rad = 0.4;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 600u));
-    TEST_ASSERT_TRUE(APP->observe.servo_steps > 0u);
-    kc_pose_t goal;
-    double r[6];
-    kc_move_goal(&kc_app_active(APP)->space, (uint32_t)APP->cal.candidate, &goal);
-    kc_pose_residual(&goal, &APP->observe.measured, r);
-    for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_DOUBLE_WITHIN(world.config.servo.tol_pos_m, 0.0, r[i]); }
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_SERVO_LIMIT));
-}
-
 void test_when_a_step_hides_the_tags_it_returns_to_the_last_detection(void)
 {
     world.truth.joint[6].phi_rad = 0.4;

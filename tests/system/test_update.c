@@ -154,23 +154,6 @@ void test_energy_used_up_holds_the_arm_and_proposes(void)
 
 /* ---- replicates ---- */
 
-void test_a_replicate_is_approached_again_over_its_hub(void)
-{
-    world.config.replicate_every = 1u;
-    world.space.n_initial = 1u; /* so the first repeat is of the pose where the arm stands */
-    world.config.n_poses = 4u;
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    const kc_space_t *s = &kc_app_active(APP)->space;
-    for (uint32_t i = 0u; i < 400u && APP->cal.replicate != 1; i++) { world_tick(); }
-    uint32_t cand = (uint32_t)APP->cal.candidate, n = APP->move.n_path;
-    TEST_ASSERT_TRUE(n >= 2u);
-    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + cand, APP->move.path[n - 1u]);
-    TEST_ASSERT_EQUAL_UINT32(s->cand[cand].hub, APP->move.path[n - 2u]);
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    TEST_ASSERT_EQUAL_INT(1, world.meas[1].replicate);
-}
-
 static uint32_t poses_until_certain(double pos_m, double rot_rad)
 {
     setUp();
@@ -179,25 +162,6 @@ static uint32_t poses_until_certain(double pos_m, double rot_rad)
     world.config.stop_rot_rad = rot_rad;
     world_calibrated();
     return world.n_meas;
-}
-
-void test_it_stops_when_the_predicted_uncertainty_meets_the_requirement(void)
-{
-    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(0.0, 0.0)); /* no requirement */
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
-    uint32_t n = poses_until_certain(1e-3, 0.0);
-    TEST_ASSERT_TRUE(n >= 10u && n < 24u);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, world.proposal.ended);
-    TEST_ASSERT_TRUE(world.progress[n - 1u].pred_pos_m <= 1e-3);
-    const kc_event_t *e = &world.last[KC_EVT_CAL_CONVERGED];
-    TEST_ASSERT_EQUAL_INT(-1, e->index);
-    TEST_ASSERT_EQUAL_DOUBLE(world.progress[n - 1u].pred_pos_m, e->got);
-    TEST_ASSERT_EQUAL_DOUBLE(1e-3, e->want);
-    n = poses_until_certain(0.0, 5e-3);
-    TEST_ASSERT_TRUE(n < 24u && world.progress[n - 1u].pred_rot_rad <= 5e-3);
-    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(1e-3, 1e-9)); /* both are needed */
-    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(1e-9, 5e-3));
 }
 
 static void given_chain_of_plate(double plate_m, double stop_pos_m)
@@ -460,16 +424,6 @@ void test_local_initial_poses_are_measured_at_their_seed_without_servo_and_appro
     TEST_ASSERT_TRUE(seed_dist(9u) > 0.05); /* others make up for the 0.2 rad of joint 7 */
 }
 
-void test_the_last_reserve_poses_are_taken_while_a_coefficient_is_undetermined(void)
-{
-    given_local_poses_ahead(
-        8u, 4u); /* small motions of joints 1 to 4 leave many of 28 coefficients undetermined */
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(8u, APP->plan.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(8u, APP->plan.n_local);
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-}
-
 static void expect_too_few_detections(double detected, double tried)
 {
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_TAGS_NOT_DETECTED));
@@ -493,40 +447,6 @@ void test_six_local_initial_poses_without_a_tag_end_it(void)
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(9u, APP->plan.n_tried);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_TAGS_NOT_DETECTED));
-}
-
-void test_local_initial_poses_alone_are_never_certain_enough(void)
-{
-    given_local_poses_ahead(7u, 0u);
-    world.config.est.free_mask = 1ull << 24u; /* one observation determines it */
-    world.truth.joint[2].d_m = world.arm.joint[2].d_m;
-    world.config.stop_rot_rad = 1.0;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
-    TEST_ASSERT_EQUAL_UINT32(10u, world.n_meas);
-    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-}
-
-void test_while_all_are_local_initial_poses_everything_is_estimated_and_used(void)
-{
-    given_local_poses_ahead(3u, 0u);
-    world_started();
-    for (uint32_t n = 1u; n <= 4u; n++) {
-        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-        TEST_ASSERT_TRUE(APP->est.rank < APP->est.n_free);
-        TEST_ASSERT_EQUAL_UINT32(n < 4u ? 0u : 28u - APP->est.rank, 28u - APP->est.n_idx);
-        TEST_ASSERT_EQUAL_INT(n < 4u, APP->est.hold_none);
-        if (n < 4u) { TEST_ASSERT_EQUAL_MEMORY(APP->est.coef, APP->learned.coef, 28u * sizeof(double)); }
-    }
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
-    given_local_poses_ahead(3u, 0u);
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    TEST_ASSERT_EQUAL_INT(1, APP->est.hold_none);
-    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
-    (void)world_do(KC_CMD_START, -1, 0, 3);
-    TEST_ASSERT_EQUAL_INT(0, APP->est.hold_none);
 }
 
 /* ---- model mismatch ---- */
@@ -577,18 +497,6 @@ static void bad_poses(kc_detection_t *d)
 {
     bool bad = APP->plan.n_meas >= s_bad_from && APP->plan.n_meas <= s_bad_to;
     if (bad && world_measuring()) { d->p_cam_tool_m[1] += 0.01; }
-}
-
-void test_every_rejected_pose_that_comes_back_is_reported_so_that_the_events_tell_which_are_out(void)
-{
-    uint32_t out = 0u;
-    world.spoil = one_bad_pose;
-    world.config.n_poses = 14u;
-    world_calibrated();
-    for (uint32_t i = 0u; i < APP->est.n_obs; i++) { out += APP->est.outlier[i]; }
-    TEST_ASSERT_EQUAL_UINT32(world.proposal.n_outliers, out);
-    TEST_ASSERT_EQUAL_UINT32(out,
-                             world_events(KC_EVT_CAL_OUTLIER) - world_events(KC_EVT_CAL_OUTLIER_ACCEPTED));
 }
 
 static void given_bad_poses(uint32_t from, uint32_t to)
