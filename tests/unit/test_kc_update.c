@@ -500,11 +500,12 @@ void test_it_ends_when_it_is_good_enough_or_the_table_in_force_is_right(void)
         {PHI, 20.0, 0.9, 0.0, 0u, 3u, false, KC_ENDED_NOT, KC_EVT_NONE, false},
         /* a table that is right: tested at the power, or before */
         {0.0, 0.5, 0.05, 0.9, 99u, 3u, false, KC_ENDED_NO_CHANGE, KC_EVT_CAL_AGREES, true},
-        {0.0, 0.5, 1e-4, 0.9999, 99u, 3u, false, KC_ENDED_NOT, KC_EVT_NONE, false},
+        {0.0, 0.5, 5e-3, 0.9999, 0u, 3u, false, KC_ENDED_NOT, KC_EVT_NONE, false},
         {0.0, 0.5, 0.05, 0.9, 0u, 3u, true, KC_ENDED_REQUIREMENT, KC_EVT_CAL_CONVERGED, true},
         /* one that is wrong: looked at once; for certain before the power is reached */
         {PHI, 0.1, 0.05, 0.9, 99u, 3u, false, KC_ENDED_NOT, KC_EVT_CAL_DISAGREES, true},
         {PHI, 0.1, 0.05, 0.9, 99u, 3u, true, KC_ENDED_NOT, KC_EVT_NONE, true},
+        {PHI, 0.1, 5e-3, 0.9999, 0u, 3u, false, KC_ENDED_REQUIREMENT, KC_EVT_CAL_CONVERGED, true},
     };
     for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) {
         setUp();
