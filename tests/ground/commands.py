@@ -1,12 +1,17 @@
-"""`kincal model` inside the process of the tests."""
+"""Commands inside the process of the tests."""
 
 from click.testing import CliRunner
 
 from kincal.cli import main
 
 
+def shell(*args):
+    """Result of a command of `kincal`, whatever it ends with."""
+    return CliRunner().invoke(main, [*map(str, args)])
+
+
 def kincal(*args):
-    """Result of a command; an exception other than its exit fails the test."""
-    done = CliRunner().invoke(main, ["model", *map(str, args)])
+    """Result of a command of `kincal model`; an exception other than its exit fails the test."""
+    done = shell("model", *args)
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
     return done

@@ -10,6 +10,7 @@ import poses
 import pytest
 from environments import environment, run
 
+from kincal import review
 from kincal import workbench as wb
 from kincal_shared import keys
 from kincal_shared.installation import EXTRAS
@@ -99,3 +100,14 @@ def own_key_file(tmp_path):
     path = tmp_path / "keys"
     keys.new(path)
     return path
+
+
+@pytest.fixture
+def signer(key_file):
+    return keys.signer_of(key_file)
+
+
+@pytest.fixture(scope="session")
+def names():
+    """Of the coefficients of the tables as shipped."""
+    return review.coef_names(ROOT / "tables" / "bin")

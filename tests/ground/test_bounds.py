@@ -9,10 +9,9 @@ from pathlib import Path
 
 import poses
 import pytest
-from click.testing import CliRunner
+from commands import shell as kincal
 
 from kincal import workbench as wb
-from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
 from kincal.flight import library
 from kincal.flight import tables as codec
@@ -24,10 +23,6 @@ BIN = ROOT / "tables" / "bin"
 SOURCE = tomllib.loads((ROOT / "tables" / "src" / "space.toml").read_text())["error_bounds"]
 FIELDS = ("phi_rad", "alpha_rad", "a_m", "d_m")
 FLIGHT = library("flight")
-
-
-def kincal(*args):
-    return CliRunner().invoke(main, [str(a) for a in args])
 
 
 def bounds_of(table):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 import pytest
-from click.testing import CliRunner
+from commands import shell as invoke
 
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
@@ -44,10 +44,6 @@ def test_examples_in_help_are_commands_that_exist():
             words = line.split()
             found = max((n for n in ALL if words[: len(n.split())] == n.split()), key=len, default=None)
             assert found is not None, f"{name}: {line}"
-
-
-def invoke(*args):
-    return CliRunner().invoke(main, [str(a) for a in args])
 
 
 def test_table_build_show_check_and_diff(tmp_path):

@@ -6,7 +6,7 @@ import json
 import re
 
 import pytest
-from click.testing import CliRunner
+from commands import shell as kincal
 from direct_flight import DirectFlight
 from fake_flight import FakeFlight
 from rich.console import Console
@@ -16,7 +16,7 @@ from samples import CRC, decided, event, proposal, signed
 import kcm
 from kincal import review
 from kincal.api import operate
-from kincal.cli import main, terminal
+from kincal.cli import terminal
 from kincal.cli.text import operate as text
 from kincal.flight import library
 from kincal.review.decisions import Operator
@@ -158,10 +158,6 @@ def test_a_command_is_stamped_by_housekeeping_not_by_the_arm(journal, key_file):
 
 
 # ---------------------------------------------------------------------------- on the command line
-
-
-def kincal(*args):
-    return CliRunner().invoke(main, [str(a) for a in args])
 
 
 def test_a_dry_run_sends_nothing_and_names_what_is_not_met(journal):

@@ -4,10 +4,9 @@ import os
 import threading
 
 import pytest
-from click.testing import CliRunner
+from commands import shell as cli
 
 import kcm
-from kincal.cli import main
 from kincal_shared import keys
 from kincal_shared.errors import BadInput
 
@@ -19,10 +18,6 @@ def file(tmp_path):
     path = tmp_path / "sub" / "keys"
     keys.new(path)
     return path
-
-
-def cli(*args):
-    return CliRunner().invoke(main, [str(a) for a in args])
 
 
 def command(source=2):

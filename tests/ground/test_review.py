@@ -47,18 +47,8 @@ def undrawn(request, monkeypatch):
 
 
 @pytest.fixture
-def names():
-    return review.coef_names(BIN)
-
-
-@pytest.fixture
 def journal(tmp_path):
     return tmp_path / "journal.jsonl"
-
-
-@pytest.fixture
-def signer(key_file):
-    return keys.signer_of(key_file)
 
 
 # ------------------------------------------------------------------------ what is shown

@@ -27,16 +27,6 @@ BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 POOR = kcm.proposal_t.POOR
 
 
-@pytest.fixture(scope="module")
-def names():
-    return review.coef_names(BIN)
-
-
-@pytest.fixture
-def signer(key_file):
-    return keys.signer_of(key_file)
-
-
 @pytest.fixture
 def file(tmp_path):
     return tmp_path / "journal.jsonl"

@@ -3,13 +3,12 @@
 import json
 
 import pytest
-from click.testing import CliRunner
+from commands import shell as cli
 from waiting_flight import WaitingFlight
 
 import kcm
 from kincal import link as links
 from kincal.api import operate
-from kincal.cli import main
 from kincal.console.app import Console, make_app
 from kincal.console.desk import Desk, Words
 from kincal.console.geometry import Geometry
@@ -27,10 +26,6 @@ ARM, GO = kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO
 def flight(made, tmp_path):
     with WaitingFlight(made, tmp_path) as waiting:
         yield waiting
-
-
-def cli(*args):
-    return CliRunner().invoke(main, [str(a) for a in args])
 
 
 def see(flight, key_file, by, journal_file):

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import poses
 import pytest
-from click.testing import CliRunner
+from commands import shell as kincal
 from direct_flight import DirectFlight
 from samples import CRC, event, progress, proposal, signed, write_log
 
 import kcm
 from kincal import link
 from kincal import workbench as wb
-from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
 from kincal.flight import library
 from kincal.flight import tables as codec
@@ -493,10 +492,6 @@ def test_effects_share_their_half_in_proportion_and_dh_errors_the_rest():
 
 
 # ------------------------------------------------------------------------ commands of the shell
-
-
-def kincal(*args):
-    return CliRunner().invoke(main, [str(a) for a in args])
 
 
 def test_check_ends_with_the_status_of_bad_input_and_counts_what_is_refused(tmp_path):

@@ -104,15 +104,9 @@ static void largest_space(void)
     }
     for (uint32_t i = 0u; i < s->n_cand; i++) {
         kc_cand_t *c = &s->cand[i];
-        double q[KC_JOINT_MAX], quat[4];
-        kc_pose_t T;
         c->q_seed[7] = 0.001f * (float)(i % 500u);
         c->hub = (uint8_t)(i % KC_HUB_MAX);
-        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { q[j] = (double)c->q_seed[j]; }
-        kc_arm_fk(&world.arm, q, &T);
-        kc_R_to_quat(T.R, quat);
-        for (uint32_t k = 0u; k < 3u; k++) { c->p_m[k] = (float)T.p_m[k]; }
-        for (uint32_t k = 0u; k < 4u; k++) { c->q_wxyz[k] = (float)quat[k]; }
+        given_pose_of_seed(c);
     }
     memset(s->edge, 0xFF, s->n_cand * (s->n_cand - 1u) / 16u); /* every direct segment */
     largest_bodies(s);

@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_parts.h"
 #include "given_tables.h"
-#include "kc_crc.h"
 #include "kc_rng.h"
 #include "kc_signed.h"
 #include "kc_vec.h"
@@ -49,7 +49,7 @@ void given_overstated_detections(void)
     world.config.est.outlier_p = 0.0;
 }
 
-static void given_pose_of_seed(kc_cand_t *c)
+void given_pose_of_seed(kc_cand_t *c)
 {
     kc_pose_t T;
     double q[KC_JOINT_MAX], quat[4];
@@ -366,12 +366,8 @@ static void listen(void)
 
 void world_sign_cmd(kc_cmd_t *c)
 {
-    uint8_t head[KC_SIGNED_HEAD_MAX];
     if (c->t_us == 0u) { c->t_us = (uint64_t)((int64_t)world.now_us + world.skew_us); }
-    c->auth.key_id = world.keys.key[world.signer].id;
-    c->auth.counter = ++world.counter;
-    kc_auth_text_t text = kc_signed_cmd(c, head);
-    kc_auth_mac(&world.keys.key[world.signer], &text, c->auth.mac);
+    given_signature(c, &world.keys.key[world.signer], ++world.counter);
     world.sent[world.counter % KC_CMD_QUEUE_MAX] = *c;
 }
 
@@ -440,11 +436,7 @@ bool world_until_event(uint32_t id, uint32_t max)
     return world.events[id] > before;
 }
 
-void world_seal(uint16_t kind)
-{
-    kc_active_t *a = &kc_app_instance.tables.active;
-    a->seal[kind] = kc_crc32(0u, kc_tbl_active_ptr(a, kind), kc_tbl_active_bytes(kind));
-}
+void world_seal(uint16_t kind) { given_seal(&kc_app_instance.tables.active, kind); }
 
 void world_kin(kc_kin_t *kin)
 {
@@ -509,6 +501,16 @@ void world_started(void)
     world_tick();
     memcpy(world.q_start, world.q, sizeof world.q_start);
     (void)world_do(KC_CMD_START, -1, 0, 3);
+}
+
+uint32_t world_kin_crc(void) { return kc_app_active(&kc_app_instance)->crc[KC_TBL_KIN]; }
+
+uint32_t world_approve(void)
+{
+    const int32_t crc = (int32_t)world.proposal.crc;
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, crc, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_GO, crc, 0, 0));
+    return world.proposal.crc;
 }
 
 void world_calibrated(void)

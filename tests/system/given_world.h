@@ -85,6 +85,8 @@ void given_world(void);
  * other initial poses: where the arm stands (at hub 0, no longer at zero) and LOCAL_STEP_RAD to one side
  * of it, joint by joint. */
 #define LOCAL_STEP_RAD 0.2
+/* The goal of a candidate is where the arm has the tool at its seed. */
+void given_pose_of_seed(kc_cand_t *c);
 void given_local_poses(uint32_t n, uint32_t n_reserve);
 /* Detections with noise far above what they state; overstate is what is done to each. */
 void given_overstated_detections(void);
@@ -114,6 +116,9 @@ bool world_stored(uint32_t max);
 void world_started(void);
 /* A calibration from START to its end. */
 void world_calibrated(void);
+/* The proposal approved in both steps; its CRC. CRC of the correction in force. */
+uint32_t world_approve(void);
+uint32_t world_kin_crc(void);
 /* A test has changed the active table of this kind in memory on purpose: flight shall take it as it is. */
 void world_seal(uint16_t kind);
 /* Power loss: only the store remains. */

@@ -52,16 +52,6 @@ void test_every_joint_comes_from_the_side_that_was_commanded(void)
     }
 }
 
-void test_without_it_nothing_is_added(void)
-{
-    world.config.approach_rad = 0.0;
-    record_every_step();
-    uint32_t to_measure = (uint32_t)APP->move.seq;
-    setUp();
-    record_every_step();
-    TEST_ASSERT_EQUAL_UINT32(to_measure + 12u, (uint32_t)APP->move.seq); /* two more a pose */
-}
-
 void test_an_arm_that_does_not_draw_back_ends_it(void)
 {
     world_started();

@@ -53,22 +53,6 @@ static void accepted(void)
 
 /* ---- source, sequence, opcode ---- */
 
-void test_noop_is_answered_with_source_number_and_opcode(void)
-{
-    given_idle();
-    kc_cmd_t *c = world_cmd(KC_CMD_NOOP, 0, 0, 0);
-    c->source = 2;
-    c->seq = 41;
-    accepted();
-    TEST_ASSERT_EQUAL_INT(2, world.ack.source);
-    TEST_ASSERT_EQUAL_INT(41, world.ack.seq);
-    TEST_ASSERT_EQUAL_INT(KC_CMD_NOOP, world.ack.opcode);
-    const kc_event_t *e = &world.last[KC_EVT_CMD_ACCEPTED];
-    TEST_ASSERT_EQUAL_INT(41, e->index);
-    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CMD_NOOP, e->got);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
-}
-
 void test_a_repeated_or_older_command_number_is_refused(void)
 {
     for (int32_t back = 0; back < 3; back++) {
@@ -245,33 +229,6 @@ void test_more_commands_than_one_step_takes_are_left_out(void)
     TEST_ASSERT_EQUAL_UINT32(KC_CMD_QUEUE_MAX, world.n_acks);
 }
 
-/* ---- START ---- */
-
-void test_start_takes_its_arguments(void)
-{
-    given_idle();
-    world_cmd(KC_CMD_START, KC_ACQ_RANDOM, 4, 9)->arg_u64 = 0xffu;
-    accepted();
-    TEST_ASSERT_EQUAL_UINT32(4u, APP->plan.n_goal);
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, APP->cal.acq);
-    TEST_ASSERT_EQUAL_UINT64(0xffu, APP->est.opt.free_mask);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_START));
-}
-
-void test_start_away_from_every_verified_place_is_refused(void)
-{
-    world.q[0] = world.q_cmd[0] = 2.5;
-    world.q[1] = world.q_cmd[1] = -1.9;
-    world.q[6] = world.q_cmd[6] = 2.9;
-    given_idle();
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    refused(KC_ERR_PATH, KC_EVT_CAL_NO_PATH);
-    const kc_event_t *e = &world.last[KC_EVT_CAL_NO_PATH];
-    TEST_ASSERT_EQUAL_INT(-1, e->index);
-    TEST_ASSERT_TRUE(e->got > 1.0 && e->got < 1e6); /* servo bounds to the nearest place */
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, e->want);
-}
-
 /* ---- commands in the wrong state ---- */
 
 void test_tables_cannot_change_while_a_calibration_runs(void)
@@ -316,59 +273,6 @@ void test_a_table_goes_up_and_becomes_active_and_is_stored(void)
     TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
 }
 
-void test_a_start_in_the_step_that_stores_a_table_is_refused(void)
-{
-    given_new_config();
-    int32_t crc = world_upload(KC_TBL_CONFIG, s_image, s_n);
-    (void)world_do(KC_CMD_TABLE_VALIDATE, KC_TBL_CONFIG, crc, 0);
-    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(2u,
-                             world.n_acks); /* VALIDATE and START; ACTIVATE is answered when it is stored */
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world.ack.status);
-    TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_STATE, world.ack.event_id);
-    TEST_ASSERT_EQUAL_UINT32(6u, kc_app_active(APP)->config.n_poses);
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(3u, world.n_acks);
-    TEST_ASSERT_EQUAL_INT(KC_CMD_TABLE_ACTIVATE, world.ack.opcode);
-    TEST_ASSERT_EQUAL_INT(KC_OK, world.ack.status);
-    TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
-    TEST_ASSERT_EQUAL_MEMORY(s_image, world.store[KC_TBL_CONFIG][0], s_n);
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
-}
-
-void test_what_is_staged_is_discarded_on_command_and_by_a_start(void)
-{
-    given_new_config();
-    (void)world_upload(KC_TBL_CONFIG, s_image, s_n);
-    (void)world_cmd(KC_CMD_TABLE_DISCARD, 0, 0, 0);
-    accepted();
-    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
-    (void)world_upload(KC_TBL_CONFIG, s_image, s_n);
-    (void)world_cmd(KC_CMD_START, -1, 0, 0);
-    accepted();
-    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_TBL_DISCARDED));
-}
-
-/* An image with one thing wrong: refused with this event when it is validated, the active table untouched. */
-static void image_refused(int32_t status, uint16_t event)
-{
-    int32_t crc = world_upload(KC_TBL_CONFIG, s_image, s_n);
-    (void)world_cmd(KC_CMD_TABLE_VALIDATE, KC_TBL_CONFIG, crc, 0);
-    refused(status, event);
-    TEST_ASSERT_EQUAL_UINT32(6u, kc_app_active(APP)->config.n_poses);
-    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
-    refused(KC_ERR_STATE, KC_EVT_TBL_NOT_READY);
-}
-
-void test_a_table_with_a_wrong_payload_crc_is_refused(void)
-{
-    given_new_config();
-    s_image[KC_TBL_HDR_BYTES + 20u] ^= 1u;
-    image_refused(KC_ERR_CRC, KC_EVT_TBL_CRC);
-}
-
 void test_chunks_out_of_order_or_of_no_kind_are_refused(void)
 {
     given_new_config();
@@ -388,45 +292,6 @@ void test_chunks_out_of_order_or_of_no_kind_are_refused(void)
         TEST_ASSERT_EQUAL_UINT32(i + 1u, world_events(KC_EVT_TBL_FORMAT));
         TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
     }
-}
-
-static void activate_staged(uint16_t kind)
-{
-    int32_t crc = world_upload(kind, s_image, s_n);
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_VALIDATE, kind, crc, 0));
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_ACTIVATE, kind, crc, 0));
-}
-
-void test_a_correction_that_comes_up_is_stored_with_the_one_before_it(void)
-{
-    static kc_kin_t kin;
-    given_idle();
-    uint32_t nominal = kc_app_active(APP)->crc[KC_TBL_KIN];
-    world_kin(&kin);
-    kin.value[3] = 0.01;
-    s_n = given_image(KC_TBL_KIN, &kin, s_image);
-    activate_staged(KC_TBL_KIN);
-    TEST_ASSERT_EQUAL_MEMORY(s_image, world.store[KC_TBL_KIN][0], s_n);
-    TEST_ASSERT_EQUAL_UINT32(nominal,
-                             kc_tbl_image_crc(world.store[KC_STORE_PREV][0], world.stored[KC_STORE_PREV][0]));
-}
-
-void test_a_new_arm_drops_what_was_made_for_the_old_one_from_the_store_too(void)
-{
-    test_a_correction_that_comes_up_is_stored_with_the_one_before_it();
-    world.stored[KC_TBL_SPACE][0] = 16u; /* whatever was there */
-    world.arm.tool_xyz_m[2] = 0.2;
-    s_n = given_image(KC_TBL_ARM, &world.arm, s_image);
-    activate_staged(KC_TBL_ARM);
-    const kc_active_t *a = kc_app_active(APP);
-    TEST_ASSERT_EQUAL_UINT32(0u, a->crc[KC_TBL_SPACE]);
-    TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_TBL_SPACE][0]);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, a->kin.value[3]);
-    uint32_t nominal = a->crc[KC_TBL_KIN];
-    world_restart();
-    TEST_ASSERT_EQUAL_UINT32(nominal, kc_app_active(APP)->crc[KC_TBL_KIN]);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_app_active(APP)->kin.value[3]);
-    TEST_ASSERT_EQUAL_UINT32(kc_tbl_image_crc(s_image, s_n), kc_app_active(APP)->crc[KC_TBL_ARM]);
 }
 
 /* ---- tables down ---- */

@@ -104,22 +104,6 @@ void test_a_record_that_could_not_be_stored_is_tried_again_each_second_and_repor
     TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_STORE_FAIL)); /* news again */
 }
 
-void test_boots_are_counted_and_sessions_go_on(void)
-{
-    world_boot();
-    world_tick();
-    world_restart();
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT32(2u, world.hk.boot_count);
-    (void)world_do(KC_CMD_START, -1, 0, 1);
-    world_restart();
-    world_tick();
-    (void)world_do(KC_CMD_START, -1, 0, 1);
-    TEST_ASSERT_EQUAL_UINT32(2u, APP->cal.session);
-    TEST_ASSERT_EQUAL_INT(300000 + 1,
-                          APP->move.seq - 1); /* hold and move, numbered above those of earlier lives */
-}
-
 /* ---- the former record: counters that belong to no key ---- */
 
 static void put(uint32_t at, uint64_t x, uint32_t bytes)

@@ -17,18 +17,6 @@ void setUp(void)
     s_n = 0u;
 }
 
-void test_the_frame_that_showed_the_tags_is_the_first_of_the_measurement(void)
-{
-    for (uint32_t n = 1u; n < 4u; n++) {
-        given_world();
-        world.config.frames_per_meas = n;
-        world_started();
-        TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 600u));
-        TEST_ASSERT_EQUAL_UINT32(n, world.meas[0].n_frames);
-        TEST_ASSERT_EQUAL_UINT32(n, world.n_frames);
-    }
-}
-
 void test_a_frame_of_an_arm_that_moved_is_not_part_of_a_measurement(void)
 {
     world_started();
@@ -79,17 +67,4 @@ void test_a_wrong_first_frame_is_not_averaged_with_good_ones(void)
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_DET_JUMP, 300u));
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
     TEST_ASSERT_EQUAL_UINT32(0u, world.n_meas);
-}
-
-void test_a_vibration_restarts_the_measurement_once_all_is_at_rest(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-    world_tick();
-    world.arm_vibrates = 3;
-    world_ticks(2u);
-    TEST_ASSERT_EQUAL_INT(KC_ST_REST, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->frames.n);
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 100u));
-    TEST_ASSERT_EQUAL_UINT32(3u, world.meas[0].n_frames);
 }

@@ -39,23 +39,6 @@ void test_the_arm_goes_over_seeds_of_verified_nodes_only(void)
     TEST_ASSERT_TRUE(world.n_meas > 3u);
 }
 
-/* Hub 1 is on the way to candidate 1. */
-void test_a_way_point_is_passed_by_an_arm_that_vibrates_and_a_candidate_is_not(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_TRUE(world_until(KC_ST_MOVE, 300u));
-    TEST_ASSERT_TRUE(APP->move.n_path > 1u);
-    world.arm_vibrates = 40;
-    for (uint32_t i = 0u; i < 40u; i++) {
-        world_tick();
-        TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
-    }
-    TEST_ASSERT_EQUAL_UINT32(APP->move.n_path, APP->move.i_path);
-    TEST_ASSERT_TRUE(distance(world.q, APP->move.q_final) < 1e-9);
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 100u));
-}
-
 void test_every_command_at_a_candidate_stays_on_the_servo_bound(void)
 {
     double seed[KC_JOINT_MAX];
@@ -91,16 +74,6 @@ void test_an_arm_that_does_not_arrive_is_held_and_the_calibration_stopped(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_LATE, world.last[KC_EVT_CAL_ABORTED].got);
     TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
-}
-
-void test_a_servo_step_that_is_not_done_in_time_ends_it(void)
-{
-    world.truth.joint[6].phi_rad = 0.3;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 200u));
-    world.arm_frozen = true;
-    TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
-    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_LATE, world.last[KC_EVT_CAL_ABORTED].got);
 }
 
 static void given_a_long_move(void)
@@ -161,28 +134,6 @@ void test_after_a_restart_hold_is_sent_again_while_the_arm_moves(void)
 
 /* ---- where it stands ---- */
 
-/* With 1 rad, which CONFIG took, an arm anywhere near the park pose was at it, and START moved it on a straight line that
- * nobody had verified, to a local initial pose even without a check of its clearance. */
-void test_no_config_lets_an_arm_beside_its_paths_start(void)
-{
-    static const double tol[] = {1e-3, 0.01, 0.02, 0.1, 1.0};
-    for (uint32_t i = 0u; i < sizeof tol / sizeof tol[0]; i++) {
-        for (uint32_t k = 0u; k < 2u; k++) {
-            setUp();
-            world.config.servo.bound = 0.05;
-            world.config.arrive_tol = tol[i];
-            world.q[1] = world.q_cmd[1] = 0.08; /* beside the park pose */
-            if (k == 1u) { world.q[0] = world.q_cmd[0] = 0.25; /* or beside a segment */ }
-            world_boot();
-            world_ticks(2u);
-            TEST_ASSERT_NOT_EQUAL(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
-            TEST_ASSERT_EQUAL_INT(tol[i] > 0.01 ? KC_EVT_TBL_MISSING : KC_EVT_CAL_NO_PATH,
-                                  world.ack.event_id);
-            TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_START));
-        }
-    }
-}
-
 void test_an_arm_carried_off_between_two_poses_ends_it(void)
 {
     world_started();
@@ -225,35 +176,6 @@ void test_a_candidate_inside_a_volume_is_skipped_before_the_arm_moves(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 4000u) || kc_app_state(APP) == KC_ST_IDLE);
     TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas); /* others were measured */
     for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_TRUE(world.meas[k].candidate != (int32_t)cand); }
-}
-
-/* Somebody moves the arm out of the candidate's box while a frame is waited for. */
-static void pushed_while_looking(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
-    world.q[0] += 1.8;
-    world.q_cmd[0] += 1.8;
-}
-
-/* Any next move begins where nothing is verified: nothing is sent, the candidate is skipped. */
-static void expect_nothing_sent(void)
-{
-    int32_t seq = APP->move.seq;
-    for (uint32_t i = 0u; i < 300u && world_events(KC_EVT_GRD_PATH) == 0u; i++) {
-        TEST_ASSERT_EQUAL_INT(seq, APP->move.seq);
-        world_tick();
-    }
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_GRD_PATH));
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_GRD_PATH].index);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
-    TEST_ASSERT_EQUAL_UINT32(0u, world.n_meas);
-}
-
-void test_a_servo_step_from_outside_the_box_is_refused(void)
-{
-    pushed_while_looking();
-    expect_nothing_sent();
 }
 
 /* ---- stops ---- */

@@ -1,4 +1,5 @@
-/* kc_observe.c: frames that do not come, the planar flip, servo, search, going back. */
+/* kc_observe.c in whole calibrations: silence, the planar flip, servo, going back, observations on the way. Frame by
+ * frame: test_kc_observe.c. */
 #include <math.h>
 #include <string.h>
 
@@ -25,20 +26,6 @@ void test_a_camera_that_stays_silent_ends_it(void)
         TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_CAL_FRAME_TIMEOUT)); /* two retries */
         TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_CAMERA, world.last[KC_EVT_CAL_ABORTED].got);
     }
-}
-
-static void uncertain(kc_detection_t *d) { d->cov[0] = 1.0; }
-
-void test_a_candidate_with_uncertain_detections_is_skipped(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
-    world.spoil = uncertain;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 50u));
-    TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_DET_UNCERTAIN));
-    world.spoil = NULL;
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-    TEST_ASSERT_EQUAL_INT(1, APP->cal.candidate); /* the next initial pose */
 }
 
 /* ---- planar flip ---- */
@@ -83,31 +70,6 @@ void test_of_two_solutions_that_fit_the_one_the_model_expects_is_taken(void)
 
 /* ---- servo ---- */
 
-void test_servo_steps_bring_the_tool_to_the_candidate(void)
-{
-    world.truth.joint[6].phi_rad = 0.4;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 600u));
-    TEST_ASSERT_TRUE(APP->observe.servo_steps > 0u);
-    kc_pose_t goal;
-    double r[6];
-    kc_move_goal(&kc_app_active(APP)->space, (uint32_t)APP->cal.candidate, &goal);
-    kc_pose_residual(&goal, &APP->observe.measured, r);
-    for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_DOUBLE_WITHIN(world.config.servo.tol_pos_m, 0.0, r[i]); }
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_SERVO_LIMIT));
-}
-
-void test_after_too_many_steps_it_is_measured_where_it_stands(void)
-{
-    world.truth.joint[6].phi_rad = 0.4;
-    world.config.servo_steps_max = 1u;
-    world.config.servo.step_max = 0.05;
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_SERVO_LIMIT, 300u));
-    TEST_ASSERT_EQUAL_INT(KC_ST_MEASURE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.last[KC_EVT_CAL_SERVO_LIMIT].got);
-}
-
 void test_when_a_step_hides_the_tags_it_returns_to_the_last_detection(void)
 {
     world.truth.joint[6].phi_rad = 0.4;
@@ -143,29 +105,6 @@ void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
 }
 
-void test_when_they_are_gone_there_too_the_candidate_is_skipped(void)
-{
-    world.truth.joint[6].phi_rad = 0.4;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
-    world.hide = 1000;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_TAGS_LOST));
-    TEST_ASSERT_EQUAL_UINT8(0u, APP->plan.usable[0]);
-}
-
-void test_when_the_seed_shows_nothing_either_the_candidate_is_skipped(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    APP->learned.coef[24] = 0.9;
-    APP->learned.res.pos_m = 0.0;
-    world_tick();
-    world.hide = 1000;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_CAND_SKIPPED].index);
-}
-
 /* ---- search ---- */
 
 void test_tags_out_of_view_are_found_by_turning_the_pantilt_unit(void)
@@ -178,30 +117,6 @@ void test_tags_out_of_view_are_found_by_turning_the_pantilt_unit(void)
     TEST_ASSERT_TRUE(APP->observe.i_search > 0u);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_TAGS_LOST));
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 600u));
-}
-
-/* Around where the tags were expected, by the spiral of kc_reach.h, a step of CONFIG apart. */
-void test_the_search_goes_along_the_spiral(void)
-{
-    world.hide = 1000;
-    world.camera.pan_min_rad = world.camera.tilt_min_rad = -3.0;
-    world.camera.pan_max_rad = world.camera.tilt_max_rad = 3.0;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
-    uint32_t n = 0u;
-    for (uint32_t i = 0u; i < 600u && world_events(KC_EVT_CAL_TAGS_LOST) == 0u; i++) {
-        double x = 0.0, y = 0.0;
-        if (world.out.has_pantilt_cmd != 0u && APP->observe.i_search > 0u) {
-            n++;
-            kc_reach_spiral(APP->observe.i_search, &x, &y);
-            TEST_ASSERT_DOUBLE_WITHIN(1e-12, APP->observe.middle_pan_rad + 0.25 * x,
-                                      world.out.pantilt_cmd.pan_rad);
-            TEST_ASSERT_DOUBLE_WITHIN(1e-12, APP->observe.middle_tilt_rad + 0.25 * y,
-                                      world.out.pantilt_cmd.tilt_rad);
-        }
-        world_tick();
-    }
-    TEST_ASSERT_EQUAL_UINT32(7u, n); /* of eight: the first one began the state */
 }
 
 /* Two retries of CONFIG for the observation, and two more for the measurement. */
@@ -222,55 +137,6 @@ void test_a_measurement_has_all_its_retries(void)
     TEST_ASSERT_EQUAL_UINT32(5u, world_events(KC_EVT_CAL_FRAME_TIMEOUT));
 }
 
-void test_a_search_without_success_is_bounded_and_the_candidate_skipped(void)
-{
-    world.hide = 1000;
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 600u));
-    TEST_ASSERT_EQUAL_DOUBLE(8.0, world.last[KC_EVT_CAL_TAGS_LOST].got);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
-    TEST_ASSERT_TRUE(world.n_frames <= 9u);
-}
-
-void test_the_search_does_not_leave_the_limits_of_the_pantilt_unit(void)
-{
-    world.camera.tilt_min_rad = -0.05;
-    world.camera.tilt_max_rad = 1.2;
-    world.camera.pan_min_rad = -0.8;
-    world.camera.pan_max_rad = 0.8;
-    world.hide = 100000;
-    world_started();
-    for (uint32_t i = 0u; i < 1500u && world_calibrating(); i++) {
-        world_tick();
-        if (!world.out.has_pantilt_cmd) { continue; }
-        TEST_ASSERT_TRUE(fabs(world.out.pantilt_cmd.pan_rad) <= 0.8);
-        TEST_ASSERT_TRUE(world.out.pantilt_cmd.tilt_rad >= -0.05 && world.out.pantilt_cmd.tilt_rad <= 1.2);
-    }
-}
-
-void test_a_frame_too_uncertain_in_the_search_is_one_without_tags(void)
-{
-    world.hide = 1;
-    world.config.frame_retries = 0u;
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
-    world.spoil = uncertain;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_DET_UNCERTAIN, 50u));
-    world.spoil = NULL;
-    TEST_ASSERT_EQUAL_INT(KC_ST_TURN, kc_app_state(APP)); /* to the next search position */
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-}
-
-void test_once_the_model_is_known_good_it_does_not_search_for_hidden_tags(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    world.hide = 1000;
-    uint32_t frames = world.n_frames;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 300u));
-    TEST_ASSERT_EQUAL_UINT32(frames + 1u, world.n_frames);
-}
-
 void test_a_pantilt_unit_that_stops_in_the_search_ends_it(void)
 {
     world.config.move_timeout_us = 5000000u;
@@ -282,39 +148,13 @@ void test_a_pantilt_unit_that_stops_in_the_search_ends_it(void)
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_PANTILT_LATE, world.last[KC_EVT_CAL_ABORTED].got);
 }
 
-void test_search_positions_beyond_one_limit_are_left_out(void)
-{
-    for (uint32_t which = 0u; which < 4u; which++) {
-        given_world();
-        world.hide = 100000;
-        world_started();
-        TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
-        kc_camera_t *c = &APP->tables.active.camera;
-        const double pan = APP->observe.middle_pan_rad, tilt = APP->observe.middle_tilt_rad;
-        switch (which) {
-        case 0u: c->pan_min_rad = pan - 0.01; break;
-        case 1u: c->pan_max_rad = pan + 0.01; break;
-        case 2u: c->tilt_min_rad = tilt - 0.01; break;
-        default: c->tilt_max_rad = tilt + 0.01; break;
-        }
-        world_seal(KC_TBL_CAMERA);
-        uint32_t turned = world.n_pantilt_cmd;
-        for (uint32_t i = 0u; i < 600u && world_events(KC_EVT_CAL_TAGS_LOST) == 0u; i++) {
-            world_tick();
-            TEST_ASSERT_TRUE(world.pan_cmd >= c->pan_min_rad && world.pan_cmd <= c->pan_max_rad);
-            TEST_ASSERT_TRUE(world.tilt_cmd >= c->tilt_min_rad && world.tilt_cmd <= c->tilt_max_rad);
-        }
-        TEST_ASSERT_TRUE(world.n_pantilt_cmd > turned + 2u); /* the others are searched */
-    }
-}
-
 /* ---- observations on the way ---- */
 
-static void given_a_turned_tool(uint32_t extra_obs_max)
+static void given_a_turned_tool(void)
 {
     given_world();
     world.truth.joint[6].phi_rad = 0.4;
-    world.config.extra_obs_max = extra_obs_max;
+    world.config.extra_obs_max = 1u;
 }
 
 static void measured_once(void)
@@ -335,7 +175,7 @@ static double tool_turn(const kc_meas_t *a, const kc_meas_t *b)
 
 void test_where_the_arm_arrives_it_observes_before_the_servo_moves(void)
 {
-    given_a_turned_tool(1u);
+    given_a_turned_tool();
     double seed[KC_JOINT_MAX];
     measured_once();
     TEST_ASSERT_EQUAL_UINT32(2u, world.n_meas);
@@ -352,60 +192,6 @@ void test_where_the_arm_arrives_it_observes_before_the_servo_moves(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.05, 0.4, tool_turn(m, &world.meas[1]));
 }
 
-void test_without_extra_ones_it_observes_at_the_candidate_alone(void)
-{
-    given_a_turned_tool(0u);
-    measured_once();
-    TEST_ASSERT_EQUAL_UINT32(1u, world.n_meas);
-    TEST_ASSERT_TRUE(APP->observe.servo_steps > 0u);
-}
-
-void test_an_arrival_as_near_as_the_thresholds_tells_nothing_new(void)
-{
-    const double pos_m[] = {10.0, 10.0, 1e-3}, rot_rad[] = {3.0, 0.1, 3.0};
-    const uint32_t want[] = {1u, 2u, 2u}; /* far in one of both is enough */
-    for (uint32_t i = 0u; i < 3u; i++) {
-        given_a_turned_tool(1u);
-        world.truth.joint[2].d_m += 0.03;
-        world.config.extra_pos_m = pos_m[i];
-        world.config.extra_rot_rad = rot_rad[i];
-        measured_once();
-        TEST_ASSERT_EQUAL_UINT32(want[i], world.n_meas);
-    }
-}
-
-void test_after_servo_steps_it_observes_where_the_tool_has_moved_far_enough(void)
-{
-    given_a_turned_tool(8u);
-    world.config.servo.step_max = 0.04;
-    world.config.extra_pos_m = 10.0;
-    world.config.extra_rot_rad = 0.09; /* two or three steps */
-    measured_once();
-    TEST_ASSERT_TRUE(world.n_meas > 3u && world.n_meas < 2u + APP->observe.servo_steps / 2u);
-    for (uint32_t i = 0u; i + 1u < world.n_meas; i++) {
-        TEST_ASSERT_EQUAL_INT(i == 0u ? KC_AT_ARRIVAL : KC_AT_SERVO_STEP, world.meas[i].taken_at);
-        if (i + 2u < world.n_meas) {
-            TEST_ASSERT_TRUE(tool_turn(&world.meas[i], &world.meas[i + 1u]) >= 0.09 - 1e-3);
-        }
-    }
-    given_a_turned_tool(2u); /* no more than these */
-    world.config.servo.step_max = 0.04;
-    world.config.extra_pos_m = 10.0;
-    world.config.extra_rot_rad = 0.09;
-    measured_once();
-    TEST_ASSERT_EQUAL_UINT32(3u, world.n_meas);
-}
-
-void test_it_observes_more_only_while_there_is_room(void)
-{
-    given_a_turned_tool(8u);
-    world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
-    APP->plan.n_goal = KC_MEAS_MAX;
-    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 600u));
-    TEST_ASSERT_EQUAL_UINT32(1u, world.n_meas);
-}
-
 static bool s_uncertain_once;
 
 static void uncertain_at_first(kc_detection_t *d)
@@ -418,7 +204,7 @@ static void uncertain_at_first(kc_detection_t *d)
 
 void test_an_arrival_that_cannot_be_measured_costs_no_candidate(void)
 {
-    given_a_turned_tool(1u);
+    given_a_turned_tool();
     s_uncertain_once = false;
     world.spoil = uncertain_at_first;
     measured_once();
@@ -429,7 +215,7 @@ void test_an_arrival_that_cannot_be_measured_costs_no_candidate(void)
 
 void test_an_arm_that_moves_while_it_observes_on_arrival_is_observed_again_there(void)
 {
-    given_a_turned_tool(1u);
+    given_a_turned_tool();
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
     world.arm_vibrates = 2;
@@ -442,7 +228,7 @@ void test_an_arm_that_moves_while_it_observes_on_arrival_is_observed_again_there
 
 void test_a_pose_that_is_measured_where_an_extra_observation_was_takes_its_place(void)
 {
-    given_a_turned_tool(1u);
+    given_a_turned_tool();
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
     TEST_ASSERT_EQUAL_UINT32(1u, APP->est.n_obs);
@@ -466,7 +252,7 @@ void test_a_pose_that_is_measured_where_an_extra_observation_was_takes_its_place
 /* The extra observation there failed: then the one before it is not touched. */
 void test_a_pose_that_is_measured_where_an_extra_observation_failed_takes_no_place(void)
 {
-    given_a_turned_tool(1u);
+    given_a_turned_tool();
     world.spoil = uncertain_at_first;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));

@@ -11,6 +11,7 @@
 #define APP (&kc_app_instance)
 #define N_LOCAL 9u
 #define FIRST_LOCAL ((int32_t)(world.space.n_cand - N_LOCAL))
+enum { INFORMATION = 3, CLEARANCE = 4 }; /* parts of a choice, as in kc_select.c */
 #define ANY 10.0 /* m: every pose is safe */
 
 /* Errors within the bounds of the tables; local initial poses, chosen by information. */
@@ -298,12 +299,13 @@ static kc_outcome_t select_run(void)
     return kc_select_run(&APP->cal, &APP->plan, &APP->arena.calibration, &APP->rng, &APP->view, &work, &out);
 }
 
-/* The choice by the bounds has just ended like this, for candidate 5; by the suspects only 7 may be chosen. */
-static void chosen_by_the_bounds(kc_status_t status, bool safe)
+/* The choice by the bounds has ended in this part like this, for candidate 5; by the suspects only 7 may be chosen. */
+static void chosen_by_the_bounds(uint32_t part, kc_status_t status, bool safe)
 {
     kc_arena_calibration_t *arena = &APP->arena.calibration;
     memset(&arena->choice, 0, sizeof arena->choice);
-    arena->choice.part = 3u; /* INFORMATION */
+    arena->choice.part = part;
+    arena->choice.initial = part == CLEARANCE;
     arena->choice.eligible[7] = 1u;
     kc_acq_begin(&(kc_acq_ask_t){.kind = KC_ACQ_COUNT}, &APP->est, &arena->acq);
     arena->acq.status = status;
@@ -313,42 +315,28 @@ static void chosen_by_the_bounds(kc_status_t status, bool safe)
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, select_run().id);
 }
 
-/* Of the pose that the arm leaves the park pose for the clearance was checked: the suspects choose from the next on. */
-void test_suspects_are_not_asked_about_the_pose_that_the_arm_leaves_for(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    kc_arena_calibration_t *arena = &APP->arena.calibration;
-    APP->est.by_prior = 1u;
-    APP->est.prior_mean = APP->tables.active.kin.value;
-    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) { APP->est.prior_sigma[c] = 0.01; }
-    memset(&arena->choice, 0, sizeof arena->choice);
-    arena->choice.part = 4u; /* CLEARANCE */
-    arena->choice.initial = true;
-    arena->choice.eligible[7] = 1u;
-    kc_acq_begin(&(kc_acq_ask_t){.kind = KC_ACQ_COUNT}, &APP->est, &arena->acq);
-    arena->acq.status = KC_OK;
-    arena->acq.safe = true;
-    arena->acq.best = 5u;
-    TEST_ASSERT_EQUAL_INT(KC_OC_DONE, select_run().id);
-    TEST_ASSERT_EQUAL_INT(5, APP->cal.candidate);
-}
-
+/* Nor about the pose that the arm leaves the park pose for: its clearance was checked. */
 void test_suspects_are_asked_only_about_what_is_safe_by_the_bounds(void)
 {
+    static const struct {
+        uint32_t part;
+        kc_status_t status;
+        bool safe;
+        int32_t candidate, chosen_by; /* candidate -1: by chance */
+    } cases[] = {{CLEARANCE, KC_OK, true, 5, KC_ACQ_DOPT},
+                 {INFORMATION, KC_OK, true, 7, KC_ACQ_DOPT},
+                 {INFORMATION, KC_OK, false, 5, KC_ACQ_DOPT}, /* nothing is safe: the most certain one */
+                 {INFORMATION, KC_ERR_NUM, true, -1, KC_ACQ_RANDOM}}; /* not all of them were evaluated */
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     APP->est.by_prior = 1u;
     APP->est.prior_mean = APP->tables.active.kin.value;
     for (uint32_t c = 0u; c < KC_COEF_MAX; c++) { APP->est.prior_sigma[c] = 0.01; }
-    chosen_by_the_bounds(KC_OK, true);
-    TEST_ASSERT_EQUAL_INT(7, APP->cal.candidate);
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_DOPT, APP->cal.chosen_by);
-    chosen_by_the_bounds(KC_OK, false); /* nothing is safe: the most certain one */
-    TEST_ASSERT_EQUAL_INT(5, APP->cal.candidate);
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_DOPT, APP->cal.chosen_by);
-    chosen_by_the_bounds(KC_ERR_NUM, true); /* not all of them were evaluated */
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, APP->cal.chosen_by);
+    for (uint32_t i = 0u; i < 4u; i++) {
+        chosen_by_the_bounds(cases[i].part, cases[i].status, cases[i].safe);
+        if (cases[i].candidate >= 0) { TEST_ASSERT_EQUAL_INT(cases[i].candidate, APP->cal.candidate); }
+        TEST_ASSERT_EQUAL_INT(cases[i].chosen_by, APP->cal.chosen_by);
+    }
 }
 
 /* ---- gain for its cost ---- */

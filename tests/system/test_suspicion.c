@@ -81,48 +81,6 @@ static double worst_offset(const double *coef)
     return worst;
 }
 
-/* ---- START ---- */
-
-static void refused(double named)
-{
-    uint32_t session = APP->cal.session, n = world_events(KC_EVT_CAL_NO_SUSPECTS);
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, start(1));
-    TEST_ASSERT_EQUAL_INT(KC_EVT_CAL_NO_SUSPECTS, world.ack.event_id);
-    TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(KC_EVT_CAL_NO_SUSPECTS));
-    TEST_ASSERT_EQUAL_DOUBLE(named, world.last[KC_EVT_CAL_NO_SUSPECTS].got);
-    TEST_ASSERT_EQUAL_UINT32(session, APP->cal.session);
-    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, APP->place.state);
-}
-
-void test_start_with_suspects_is_refused_where_there_are_none(void)
-{
-    world_boot();
-    world_ticks(4u);
-    refused(0.0);
-    given_certain(3u);
-    APP->cal.session++; /* they were those before a calibration */
-    refused(8.0);
-    APP->cal.session--;
-    APP->tables.active.terms.coef[PHI(3u)].enabled = 0u;
-    world_seal(KC_TBL_TERMS);
-    APP->monitoring.crc[KC_TBL_TERMS] = APP->tables.active.crc[KC_TBL_TERMS];
-    refused(8.0); /* its offset would not be estimated */
-    TEST_ASSERT_EQUAL_INT(KC_OK, start(0));
-    TEST_ASSERT_EQUAL_UINT8(0u, APP->est.by_prior);
-}
-
-void test_start_is_with_suspects_or_without(void)
-{
-    given_certain(3u);
-    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, start(2));
-    TEST_ASSERT_EQUAL_INT(3, world.last[KC_EVT_CMD_ARG].index);
-    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, start(-1));
-    TEST_ASSERT_EQUAL_INT(KC_OK, start(1));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_SUSPECTS));
-    TEST_ASSERT_EQUAL_DOUBLE(8.0, world.last[KC_EVT_CAL_SUSPECTS].got);
-    TEST_ASSERT_EQUAL_DOUBLE(8.0, world.last[KC_EVT_CAL_SUSPECTS].want);
-}
-
 /* ---- a calibration ---- */
 
 void test_a_right_suspicion_is_a_good_correction_from_the_first_pose_on(void)

@@ -1,9 +1,8 @@
-/* kc_update.c: choice of candidates, estimates, stopping. */
+/* kc_update.c in whole calibrations: choice of candidates, ends, local initial poses. State by state: test_kc_update.c. */
 #include <math.h>
 #include <string.h>
 
 #include "given_world.h"
-#include "kc_update.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
@@ -99,19 +98,6 @@ void test_replicates_measure_the_first_poses_again(void)
     TEST_ASSERT_EQUAL_INT(-1, world.progress[3].acquisition);
 }
 
-void test_hyperparameters_are_chosen_on_board_when_the_table_asks(void)
-{
-    world.kernel.choose = 1u;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-    setUp();
-    world.kernel.choose = 1u;
-    world.kernel.hyper[0].sigma_s = 1e-3; /* f = -1 of the first pose cannot come from that */
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_EQUAL_UINT32(1u, APP->arena.calibration.gp.hyper);
-}
-
 /* ---- nothing left ---- */
 
 void test_without_any_usable_candidate_it_gives_up(void)
@@ -168,23 +154,6 @@ void test_energy_used_up_holds_the_arm_and_proposes(void)
 
 /* ---- replicates ---- */
 
-void test_a_replicate_is_approached_again_over_its_hub(void)
-{
-    world.config.replicate_every = 1u;
-    world.space.n_initial = 1u; /* so the first repeat is of the pose where the arm stands */
-    world.config.n_poses = 4u;
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    const kc_space_t *s = &kc_app_active(APP)->space;
-    for (uint32_t i = 0u; i < 400u && APP->cal.replicate != 1; i++) { world_tick(); }
-    uint32_t cand = (uint32_t)APP->cal.candidate, n = APP->move.n_path;
-    TEST_ASSERT_TRUE(n >= 2u);
-    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + cand, APP->move.path[n - 1u]);
-    TEST_ASSERT_EQUAL_UINT32(s->cand[cand].hub, APP->move.path[n - 2u]);
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    TEST_ASSERT_EQUAL_INT(1, world.meas[1].replicate);
-}
-
 static uint32_t poses_until_certain(double pos_m, double rot_rad)
 {
     setUp();
@@ -193,25 +162,6 @@ static uint32_t poses_until_certain(double pos_m, double rot_rad)
     world.config.stop_rot_rad = rot_rad;
     world_calibrated();
     return world.n_meas;
-}
-
-void test_it_stops_when_the_predicted_uncertainty_meets_the_requirement(void)
-{
-    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(0.0, 0.0)); /* no requirement */
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
-    uint32_t n = poses_until_certain(1e-3, 0.0);
-    TEST_ASSERT_TRUE(n >= 10u && n < 24u);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, world.proposal.ended);
-    TEST_ASSERT_TRUE(world.progress[n - 1u].pred_pos_m <= 1e-3);
-    const kc_event_t *e = &world.last[KC_EVT_CAL_CONVERGED];
-    TEST_ASSERT_EQUAL_INT(-1, e->index);
-    TEST_ASSERT_EQUAL_DOUBLE(world.progress[n - 1u].pred_pos_m, e->got);
-    TEST_ASSERT_EQUAL_DOUBLE(1e-3, e->want);
-    n = poses_until_certain(0.0, 5e-3);
-    TEST_ASSERT_TRUE(n < 24u && world.progress[n - 1u].pred_rot_rad <= 5e-3);
-    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(1e-3, 1e-9)); /* both are needed */
-    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(1e-9, 5e-3));
 }
 
 static void given_chain_of_plate(double plate_m, double stop_pos_m)
@@ -283,68 +233,6 @@ void test_a_wrong_arm_is_looked_at_once_and_calibrated_on(void)
     TEST_ASSERT_TRUE(APP->learned.tested_early);
 }
 
-/* The requirement is met at the first pose with which all is determined. tested_early: as if the table in
- * force had been tested before. */
-static uint32_t poses_until_met(double phi_rad, double power, bool tested_early)
-{
-    setUp();
-    world.truth.joint[2].d_m = world.arm.joint[2].d_m;
-    world.truth.joint[6].phi_rad = phi_rad;
-    world.config.n_poses = 24u;
-    world.config.stop_pos_m = 3.3e-4;
-    world.config.no_change_power = power;
-    world_started();
-    APP->learned.tested_early = tested_early;
-    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
-    return world.n_meas;
-}
-
-void test_a_right_arm_that_is_good_enough_goes_on_until_an_error_would_have_shown(void)
-{
-    TEST_ASSERT_EQUAL_UINT32(10u, poses_until_met(0.0, 0.0, false));
-    TEST_ASSERT_FALSE(APP->learned.tested_early);
-    uint32_t n = poses_until_met(0.0, 0.9, false);
-    TEST_ASSERT_TRUE(n > 10u && n < 24u);
-    TEST_ASSERT_EQUAL_INT((int32_t)n, world.last[KC_EVT_CAL_AGREES].index);
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, world.proposal.verdict);
-    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_met(0.0, 0.9999, false)); /* more power than they have */
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_AGREES) + world_events(KC_EVT_CAL_CONVERGED));
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
-}
-
-/* That was the test; there is no second one, and what is good enough ends it. */
-void test_after_the_test_of_the_table_in_force_a_right_arm_ends_it_when_good_enough(void)
-{
-    TEST_ASSERT_EQUAL_UINT32(10u, poses_until_met(0.0, 0.9999, true));
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, world.proposal.ended);
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, world.proposal.verdict);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_AGREES));
-}
-
-/* More poses would not call it right. The verdict is by the level of an early test: this was one. */
-void test_an_arm_that_is_wrong_for_certain_ends_it_when_good_enough(void)
-{
-    TEST_ASSERT_EQUAL_UINT32(10u, poses_until_met(0.02, 0.9999, false));
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, world.proposal.ended);
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_DISAGREES)); /* the power was not reached */
-    TEST_ASSERT_TRUE(APP->learned.tested_early);
-}
-
-/* Noise far above what is stated: a bound computed with it may be met, and still the model does not fit. */
-void test_a_poor_fit_does_not_end_it_as_good_enough(void)
-{
-    setUp();
-    given_overstated_detections();
-    world.config.n_poses = 24u;
-    world.config.stop_pos_m = 0.05;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
-    TEST_ASSERT_TRUE(world.proposal.pred_pos_m < 0.05);
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CONVERGED));
-}
-
 /* The same requirement at a confidence, or with poses in a row that were predicted so well, takes more poses. */
 void test_a_confidence_and_checks_take_more_poses(void)
 {
@@ -369,59 +257,7 @@ void test_a_confidence_and_checks_take_more_poses(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
 }
 
-void test_a_pose_that_was_not_predicted_begins_the_count_anew(void)
-{
-    setUp();
-    world.config.n_poses = 20u;
-    world.config.stop_pos_m = 3e-4;
-    world.config.stop_checks = 20u;
-    world_started();
-    for (uint32_t i = 0u; i < 15u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u)); }
-    TEST_ASSERT_TRUE(APP->learned.n_checked > 2u);
-    world.jump_m = 0.0;
-    world.truth.tool_xyz_m[0] += 0.005; /* something has moved */
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->learned.n_checked);
-}
-
-void test_it_is_never_certain_while_the_data_leave_something_open(void)
-{
-    setUp();
-    world.terms.n_coef = 29u; /* a second encoder offset of joint 7, confounded with the first */
-    world.terms.coef[28] = world.terms.coef[24];
-    memset(world.terms.coef[28].name, 0, KC_NAME_LEN);
-    memcpy(world.terms.coef[28].name, "other", 5u);
-    world.space.verified[6].phi_rad = 3.0; /* both at their bounds */
-    world.terms.term[world.terms.n_term] = world.terms.term[24];
-    world.terms.term[world.terms.n_term++].coef = 28u;
-    world.config.est.free_mask = (1ull << 29u) - 1ull;
-    world.config.n_poses = 14u;
-    world.config.stop_pos_m = 1.0;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(14u, world.n_meas);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CONVERGED));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_RANK));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_HELD));
-    TEST_ASSERT_EQUAL_UINT32(28u, world.proposal.rank);
-    TEST_ASSERT_EQUAL_UINT32(29u, world.proposal.n_free);
-}
-
 /* ---- estimates ---- */
-
-void test_progress_reports_residual_f_and_prediction(void)
-{
-    world_calibrated();
-    for (uint32_t k = 0u; k < 6u; k++) {
-        const kc_progress_t *p = &world.progress[k];
-        TEST_ASSERT_EQUAL_UINT32(k + 1u, p->pose);
-        TEST_ASSERT_EQUAL_UINT32(6u, p->n_goal);
-        TEST_ASSERT_TRUE(p->f <= 0.0 && p->f >= -1.0);
-        TEST_ASSERT_TRUE(p->gp_sigma > 0.0);
-        TEST_ASSERT_TRUE(p->res_pos_m > 0.0 && p->res_rot_rad > 0.0);
-    }
-    TEST_ASSERT_DOUBLE_WITHIN(0.05, 0.2, world.progress[0].res_rot_rad);
-    TEST_ASSERT_TRUE(world.progress[5].pred_pos_m > 0.0);
-}
 
 /* One frame of a late pose is far off although it claims to be good. */
 static void one_bad_pose(kc_detection_t *d)
@@ -438,34 +274,6 @@ void test_an_outlier_is_reported_once_and_left_out(void)
     TEST_ASSERT_EQUAL_INT(10, world.last[KC_EVT_CAL_OUTLIER].index);
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_outliers);
     TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
-}
-
-void test_a_fit_that_is_not_good_is_tried_from_the_solution_so_far(void)
-{
-    world.truth.joint[3].phi_rad = 0.1;
-    world.bias[3] = 0.0;
-    world.config.n_poses = 12u;
-    world.config.est.iter_max = 2u; /* too few from the beginning: what is known already helps */
-    world_calibrated();
-    TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.1, world.proposal.kin.value[12]);
-}
-
-void test_an_estimator_failure_is_reported_and_the_last_correction_kept(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    APP->est.opt.iter_max = 0u; /* not allowed: the estimator refuses */
-    memset(APP->learned.coef, 0, sizeof APP->learned.coef);
-    APP->learned.coef[24] = 0.123;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_EST, 300u));
-    TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CAL_EST].index);
-    TEST_ASSERT_EQUAL_DOUBLE((double)KC_ERR_ARG, world.last[KC_EVT_CAL_EST].got);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_CAL_EST].want);
-    TEST_ASSERT_EQUAL_DOUBLE(0.123, APP->learned.coef[24]);
-    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.proposal.kin.value[24]); /* what is active, not a guess */
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.proposal.p_no_change);
 }
 
 void test_a_gp_that_breaks_down_leaves_the_choice_to_chance(void)
@@ -549,41 +357,6 @@ void test_the_gaussian_process_learns_from_poses_alone(void)
     TEST_ASSERT_EQUAL_MEMORY(newest->p_m, APP->arena.calibration.gp.x[4].p_m, sizeof newest->p_m);
 }
 
-static void one_bad_arrival(kc_detection_t *d)
-{
-    bool arrival = kc_app_state(APP) == KC_ST_MEASURE ? APP->observe.taken_at == KC_AT_ARRIVAL
-                                                      : APP->observe.servo_steps == 0u;
-    if (arrival && world_measuring() && APP->plan.n_meas == 1u) { d->p_cam_tool_m[1] += 0.01; }
-}
-
-void test_a_bad_extra_observation_is_reported_as_such(void)
-{
-    given_extra_observations(14u);
-    world.spoil = one_bad_arrival;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_EXTRA_OUTLIER));
-    TEST_ASSERT_EQUAL_INT(2, world.last[KC_EVT_CAL_EXTRA_OUTLIER].index);
-    TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_outliers);
-    uint32_t observation = (uint32_t)world.last[KC_EVT_CAL_EXTRA_OUTLIER].got;
-    TEST_ASSERT_EQUAL_INT(KC_AT_ARRIVAL, world.meas[observation - 1u].taken_at);
-    TEST_ASSERT_EQUAL_UINT32(2u, world.meas[observation - 1u].pose);
-    TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
-}
-
-void test_an_extra_observation_that_fits_again_is_reported_as_such(void)
-{
-    given_extra_observations(6u);
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 600u));
-    TEST_ASSERT_EQUAL_UINT8(KC_AT_ARRIVAL, APP->plan.taken_at[0]);
-    APP->learned.outlier_reported[0] = 1u;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 600u));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_EXTRA_OUTLIER_ACCEPTED));
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_EXTRA_OUTLIER_ACCEPTED].index);
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.last[KC_EVT_CAL_EXTRA_OUTLIER_ACCEPTED].got);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_OUTLIER_ACCEPTED));
-}
-
 /* ---- local initial poses ---- */
 
 #define LOCAL(i) ((int32_t)(world.space.n_cand - n_local + (i))) /* of a space with n_local of them */
@@ -651,16 +424,6 @@ void test_local_initial_poses_are_measured_at_their_seed_without_servo_and_appro
     TEST_ASSERT_TRUE(seed_dist(9u) > 0.05); /* others make up for the 0.2 rad of joint 7 */
 }
 
-void test_the_last_reserve_poses_are_taken_while_a_coefficient_is_undetermined(void)
-{
-    given_local_poses_ahead(
-        8u, 4u); /* small motions of joints 1 to 4 leave many of 28 coefficients undetermined */
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(8u, APP->plan.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(8u, APP->plan.n_local);
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-}
-
 static void expect_too_few_detections(double detected, double tried)
 {
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_TAGS_NOT_DETECTED));
@@ -684,40 +447,6 @@ void test_six_local_initial_poses_without_a_tag_end_it(void)
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(9u, APP->plan.n_tried);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_TAGS_NOT_DETECTED));
-}
-
-void test_local_initial_poses_alone_are_never_certain_enough(void)
-{
-    given_local_poses_ahead(7u, 0u);
-    world.config.est.free_mask = 1ull << 24u; /* one observation determines it */
-    world.truth.joint[2].d_m = world.arm.joint[2].d_m;
-    world.config.stop_rot_rad = 1.0;
-    world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
-    TEST_ASSERT_EQUAL_UINT32(10u, world.n_meas);
-    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
-    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
-}
-
-void test_while_all_are_local_initial_poses_everything_is_estimated_and_used(void)
-{
-    given_local_poses_ahead(3u, 0u);
-    world_started();
-    for (uint32_t n = 1u; n <= 4u; n++) {
-        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-        TEST_ASSERT_TRUE(APP->est.rank < APP->est.n_free);
-        TEST_ASSERT_EQUAL_UINT32(n < 4u ? 0u : 28u - APP->est.rank, 28u - APP->est.n_idx);
-        TEST_ASSERT_EQUAL_INT(n < 4u, APP->est.hold_none);
-        if (n < 4u) { TEST_ASSERT_EQUAL_MEMORY(APP->est.coef, APP->learned.coef, 28u * sizeof(double)); }
-    }
-    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
-    given_local_poses_ahead(3u, 0u);
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
-    TEST_ASSERT_EQUAL_INT(1, APP->est.hold_none);
-    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
-    (void)world_do(KC_CMD_START, -1, 0, 3);
-    TEST_ASSERT_EQUAL_INT(0, APP->est.hold_none);
 }
 
 /* ---- model mismatch ---- */
@@ -770,18 +499,6 @@ static void bad_poses(kc_detection_t *d)
     if (bad && world_measuring()) { d->p_cam_tool_m[1] += 0.01; }
 }
 
-void test_every_rejected_pose_that_comes_back_is_reported_so_that_the_events_tell_which_are_out(void)
-{
-    uint32_t out = 0u;
-    world.spoil = one_bad_pose;
-    world.config.n_poses = 14u;
-    world_calibrated();
-    for (uint32_t i = 0u; i < APP->est.n_obs; i++) { out += APP->est.outlier[i]; }
-    TEST_ASSERT_EQUAL_UINT32(world.proposal.n_outliers, out);
-    TEST_ASSERT_EQUAL_UINT32(out,
-                             world_events(KC_EVT_CAL_OUTLIER) - world_events(KC_EVT_CAL_OUTLIER_ACCEPTED));
-}
-
 static void given_bad_poses(uint32_t from, uint32_t to)
 {
     given_offset_within(1.5);
@@ -829,90 +546,6 @@ void test_two_bad_detections_among_the_local_initial_poses_end_it(void)
 
 /* ---- found missing by mutants ---- */
 
-void test_an_outlier_is_reported_by_its_pose_alone(void)
-{
-    world.spoil = one_bad_pose;
-    world.config.n_poses = 14u;
-    world_calibrated();
-    const kc_event_t *e = &world.last[KC_EVT_CAL_OUTLIER];
-    TEST_ASSERT_EQUAL_INT(10, e->index);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->got);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
-}
-
-void test_progress_says_how_the_estimator_ended(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_EQUAL_INT(KC_OK, world.progress[0].est_status);
-    APP->est.opt.iter_max = 0u; /* not allowed: the estimator refuses */
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, world.progress[1].est_status);
-}
-
-/* Over every candidate of a small space, each once. */
-void test_the_prediction_is_the_mean_over_the_candidates(void)
-{
-    kc_residual_t sum2 = {0.0, 0.0};
-    world_started();
-    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
-    const kc_est_t *e = &APP->est;
-    for (uint32_t c = 0u; c < world.space.n_cand; c++) {
-        kc_ctx_t ctx;
-        kc_eval_t eval;
-        double cov[36];
-        kc_view_ctx(&APP->view, c, &ctx);
-        kc_est_pose_cov(e, &ctx, &eval, cov);
-        sum2.pos_m += cov[0] + cov[7] + cov[14];
-        sum2.rot_rad += cov[21] + cov[28] + cov[35];
-    }
-    double n = (double)world.space.n_cand, scale = fmax(1.0, e->noise_scale);
-    const kc_progress_t *p = &world.progress[3];
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, scale * sqrt(sum2.pos_m / n), p->pred_pos_m);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, scale * sqrt(sum2.rot_rad / n), p->pred_rot_rad);
-}
-
-/* With every estimate f of all poses changes, and the Gaussian process goes by the new ones. */
-void test_the_gaussian_process_holds_f_of_the_newest_estimate(void)
-{
-    world_started();
-    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
-    const kc_gp_t *gp = &APP->arena.calibration.gp;
-    TEST_ASSERT_EQUAL_UINT32(4u, gp->n);
-    for (uint32_t i = 0u; i < gp->n; i++) { TEST_ASSERT_EQUAL_DOUBLE(APP->learned.y[i], gp->y[i]); }
-}
-
-/* A second start begins at the latest correction, a third one at the one in force. */
-void test_a_second_start_begins_at_the_latest_correction(void)
-{
-    kc_work_t work = {1u, 1u}; /* used up: the estimate is begun, and waits */
-    world_started();
-    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
-    kc_learned_t *l = &APP->learned;
-    APP->tables.active.config.second_start_noise_scale = 1e-9;
-    world_seal(KC_TBL_CONFIG);
-    l->coef[24] = 0.0625;
-    kc_update_begin(&APP->update);
-    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, kc_update_refine(&APP->update, l, &APP->est, &APP->view, &work).id);
-    TEST_ASSERT_EQUAL_UINT32(1u, APP->update.part);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0625, APP->est.start[24]);
-}
-
-/* Cut off after the first of them, the estimate has not begun. */
-void test_residuals_of_all_poses_come_before_the_estimate(void)
-{
-    world_started();
-    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
-    kc_learned_t *l = &APP->learned;
-    kc_update_begin(&APP->update);
-    l->gp_ok = false; /* which costs nothing then */
-    kc_work_t work = {
-        kc_model_cost(&APP->tables.active.arm, &APP->tables.active.terms, APP->learned.coef, false), 0u};
-    (void)kc_update_solve(&APP->update, l, &APP->est, &APP->arena.calibration.gp, &APP->view, &work);
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->update.part);
-    TEST_ASSERT_EQUAL_UINT32(1u, APP->update.i);
-}
-
 void test_without_a_solution_an_information_criterion_leaves_the_choice_to_chance(void)
 {
     for (uint8_t acq = KC_ACQ_DOPT; acq < KC_ACQ_COUNT; acq++) {
@@ -936,119 +569,4 @@ void test_where_no_candidate_is_left_an_information_criterion_ends_the_calibrati
     for (uint32_t i = 0u; i < 300u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
     TEST_ASSERT_EQUAL_UINT32(3u, world.n_meas);
-}
-
-void test_a_gp_without_room_is_lost_and_the_calibration_goes_on(void)
-{
-    world_started();
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-    APP->arena.calibration.gp.n = KC_MEAS_MAX;
-    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_FALSE(APP->learned.gp_ok);
-    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
-    TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
-    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
-}
-
-/* ---- what does not fit into a step waits ---- */
-
-static kc_app_t s_saved;
-
-/* The part that begins when the residuals are done: it is charged by itself, and begins with the charge. `run` is
- * called with ever more work left in the step. Returns how often the residuals were done and the part waited. */
-static uint32_t waits(kc_outcome_t (*run)(kc_work_t *work))
-{
-    uint32_t n = 0u, part = APP->update.part;
-    s_saved = *APP;
-    for (uint64_t left = 0u; APP->update.part == part; left += 2000u) {
-        *APP = s_saved;
-        kc_work_t work = {left + 1u, 1u};
-        TEST_ASSERT_TRUE(left < KC_STEP_WORK);
-        bool over = run(&work).id == KC_OC_DONE;
-        TEST_ASSERT_TRUE(work.used <= left + 1u);
-        if (APP->update.part != part) { break; }
-        TEST_ASSERT_FALSE(over);
-        TEST_ASSERT_EQUAL_MEMORY(&s_saved.est.job, &APP->est.job, sizeof s_saved.est.job);
-        TEST_ASSERT_EQUAL_UINT32(s_saved.arena.calibration.gp.n, APP->arena.calibration.gp.n);
-        n += APP->update.i == APP->plan.n_meas ? 1u : 0u;
-    }
-    return n;
-}
-
-static kc_outcome_t solve(kc_work_t *work)
-{
-    return kc_update_solve(&APP->update, &APP->learned, &APP->est, &APP->arena.calibration.gp, &APP->view,
-                           work);
-}
-
-static kc_outcome_t learn(kc_work_t *work)
-{
-    return kc_update_learn(&APP->update, &APP->learned, &APP->est, &APP->plan, &APP->arena.calibration,
-                           &APP->view, work, &world.out);
-}
-
-void test_estimate_and_gp_begin_when_there_is_time_for_them(void)
-{
-    world.config.n_poses = 12u;
-    world_started();
-    for (uint32_t i = 0u; i < 10u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
-    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
-    kc_update_begin(&APP->update);
-    TEST_ASSERT_TRUE(waits(solve) > 0u);
-    *APP = s_saved;
-    APP->update.part = 1u; /* the residuals of LEARN, then the GP */
-    TEST_ASSERT_TRUE(waits(learn) > 0u);
-}
-
-/* Whatever the calibration before left behind. */
-void test_a_calibration_begins_with_nothing_of_the_one_before(void)
-{
-    kc_arena_calibration_t *arena = &APP->arena.calibration;
-    kc_est_t *e = &APP->est;
-    world_boot();
-    world_tick();
-    memset(&APP->learned, 0x5a, sizeof APP->learned);
-    memset(arena, 0x5a, sizeof *arena);
-    memset(e, 0x5a, sizeof *e);
-    APP->tables.active.kin.value[3] = 0.25;
-    kc_update_start(&APP->learned, e, arena, &APP->view, 0x30u);
-    TEST_ASSERT_EQUAL_PTR(&APP->tables.active.arm, e->arm);
-    TEST_ASSERT_EQUAL_PTR(&APP->tables.active.terms, e->terms);
-    TEST_ASSERT_EQUAL_UINT64(0x30u, e->opt.free_mask);
-    TEST_ASSERT_EQUAL_DOUBLE(world.config.est.outlier_p, e->opt.outlier_p);
-    TEST_ASSERT_EQUAL_UINT32(0u, e->hold_none);
-    TEST_ASSERT_EQUAL_UINT32(0u, e->without);
-    TEST_ASSERT_EQUAL_UINT32(0u, e->n_obs);
-    TEST_ASSERT_EQUAL_UINT32(0u, e->rank);
-    TEST_ASSERT_EQUAL_UINT32(0u, e->n_free);
-    TEST_ASSERT_EQUAL_DOUBLE(0.25, APP->learned.coef[3]);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->learned.f);
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_NOT, APP->learned.ended);
-    TEST_ASSERT_TRUE(APP->learned.gp_ok);
-    for (uint32_t c = 0u; c < world.space.n_cand; c++) { /* where the tool is at each candidate */
-        const kc_cand_t *at = &world.space.cand[c];
-        for (uint32_t i = 0u; i < 3u; i++) {
-            TEST_ASSERT_DOUBLE_WITHIN(1e-6, (double)at->p_m[i], arena->cand_pt[c].p_m[i]);
-        }
-        double same = 0.0;
-        for (uint32_t i = 0u; i < 4u; i++) { same += (double)at->q_wxyz[i] * arena->cand_pt[c].q_wxyz[i]; }
-        TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.0, fabs(same));
-        TEST_ASSERT_EQUAL_MEMORY(at->q_seed, &arena->cand_q[c * KC_JOINT_MAX], sizeof at->q_seed);
-    }
-}
-
-void test_the_begin_of_a_calibration_is_charged_candidate_by_candidate(void)
-{
-    world_boot();
-    kc_space_t *s = &APP->tables.active.space;
-    s->n_cand = 0u;
-    uint64_t none = kc_update_start_cost(&APP->view), one_more = 0u;
-    for (uint32_t n = 1u; n < 4u; n++) {
-        s->n_cand = n;
-        one_more = (kc_update_start_cost(&APP->view) - none) / n;
-        TEST_ASSERT_TRUE(one_more > kc_kernel_cost(&world.kernel));
-        TEST_ASSERT_EQUAL_UINT64(none + n * one_more, kc_update_start_cost(&APP->view));
-    }
-    TEST_ASSERT_TRUE(none > one_more);
 }

@@ -4,6 +4,7 @@
 #define GIVEN_PARTS_H
 
 #include "kc_answer.h"
+#include "kc_app_parts.h"
 #include "kc_channels.h"
 #include "kc_view.h"
 
@@ -27,6 +28,16 @@ extern parts_t parts;
 #define PARTS_CRC 0x1000u
 #define PARTS_NOW_US 4000000000u
 void given_parts(void);
+/* The same in kc_app_instance, idle, with an arm and a pan-tilt unit that were heard just now. */
+void given_app(void);
+/* What a camera whose tilt is off shows of this arm: pose, range and covariance. */
+void given_detection(const kc_arm_t *arm, const double *q, double tilt_rad, kc_detection_t *det);
+/* n poses are measured, with noise times `noise`, of an arm whose joint 7 is off; nothing is estimated yet. */
+void given_measured(uint32_t n, double phi_rad, double noise, double tilt_rad);
+/* A test has changed this table in memory on purpose: flight shall take it as it is. Kind 0: kin_prev. */
+void given_seal(kc_active_t *a, uint16_t kind);
+/* Sign a command. */
+void given_signature(kc_cmd_t *cmd, const kc_key_t *key, uint64_t counter);
 /* Whether exactly this event came since the last call; the outputs are cleared. */
 void expect_event(kc_event_id_t id, int32_t index, double got, double want);
 /* Whether a command was refused with this answer, and exactly this event came. */

@@ -259,6 +259,17 @@ void given_space(kc_space_t *s, uint32_t n_cand, uint32_t arm_crc)
     }
 }
 
+void given_chain(kc_space_t *s, uint32_t n)
+{
+    given_space(s, n, 1u);
+    memset(s->edge, 0, sizeof s->edge);
+    s->n_hub = n;
+    for (uint32_t h = 0u; h < n; h++) {
+        s->hub_edge[h] = (uint16_t)((h > 0u ? 1u << (h - 1u) : 0u) | (h + 1u < n ? 1u << (h + 1u) : 0u));
+        s->cand[h].hub = (uint8_t)h;
+    }
+}
+
 uint32_t given_image(uint16_t kind, const void *table, uint8_t *image)
 {
     uint32_t n = 0u;

@@ -13,6 +13,8 @@ void given_config(kc_config_t *c);
 /* n_cand candidates around two hubs, poses by nominal forward kinematics; odd ones hang on hub 1. The only
  * direct edges are between candidates k and k + 2. */
 void given_space(kc_space_t *s, uint32_t n_cand, uint32_t arm_crc);
+/* Hubs in a chain 0-1-2-...-(n-1), candidate k on hub k. */
+void given_chain(kc_space_t *s, uint32_t n);
 
 /* Image of a table in a buffer of KC_IMAGE_MAX bytes; returns its size. */
 uint32_t given_image(uint16_t kind, const void *table, uint8_t *image);

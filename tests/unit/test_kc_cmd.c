@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "given_parts.h"
+#include "given_tables.h"
 #include "kc_input_fields.h"
 #include "unity.h"
 
@@ -132,4 +133,42 @@ void test_what_is_refused_in_a_state_is_reported_with_it(void)
     kc_answer_t answer = kc_cmd_busy(&parts.view, &parts.out);
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, answer.status);
     TEST_ASSERT_EQUAL_INT(KC_EVT_TBL_BUSY, answer.event);
+}
+
+/* One holder alone could end the rule of two, or uplink a correction past the review. 1 and 2 are the keys of one. */
+void test_tables_that_could_undo_the_rule_of_two_take_two_holders(void)
+{
+    static const struct {
+        uint16_t kind;
+        uint8_t rule, new_rule; /* of CONFIG in force and staged */
+        uint32_t n_keys, validates, activates;
+        kc_event_id_t validation, activation; /* why it is refused; NONE: it is not */
+    } cases[] = {
+        {KC_TBL_CONFIG, 0u, 1u, 2u, 1u, 1u, KC_EVT_KEYS_ONE_HOLDER, KC_EVT_KEYS_ONE_HOLDER},
+        {KC_TBL_CONFIG, 0u, 1u, 3u, 1u, 1u, KC_EVT_NONE, KC_EVT_NONE}, /* it takes one to bring it in */
+        {KC_TBL_CONFIG, 1u, 0u, 3u, 101u, 101u, KC_EVT_NONE, KC_EVT_CMD_SAME_KEY},
+        {KC_TBL_CONFIG, 1u, 0u, 3u, 101u, 2u, KC_EVT_NONE, KC_EVT_NONE},
+        {KC_TBL_CONFIG, 1u, 0u, 2u, 1u, 1u, KC_EVT_NONE, KC_EVT_NONE}, /* the only one left may end it */
+        {KC_TBL_KIN, 1u, 1u, 3u, 1u, 2u, KC_EVT_NONE, KC_EVT_CMD_SAME_KEY},
+        {KC_TBL_KIN, 1u, 1u, 3u, 1u, 101u, KC_EVT_NONE, KC_EVT_NONE},
+        {KC_TBL_CAMERA, 1u, 1u, 3u, 1u, 1u, KC_EVT_NONE, KC_EVT_NONE},
+    };
+    static uint8_t image[KC_IMAGE_MAX];
+    for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) {
+        kc_active_t *a = &parts.tables.active;
+        setUp();
+        a->config.go_by_other_key = cases[i].new_rule;
+        const uint32_t n = given_image(cases[i].kind, kc_tbl_active_ptr(a, cases[i].kind), image);
+        a->config.go_by_other_key = cases[i].rule;
+        parts.tables.staging = (kc_staging_t){KC_STAGE_COMPLETE, cases[i].kind, n, n, image};
+        s_log.keys = (kc_keys_t){.n = cases[i].n_keys, .key = {{.id = 1u}, {.id = 2u}, {.id = 101u}}};
+        s_cmd = (kc_cmd_t){.arg_i = {cases[i].kind, (int32_t)kc_tbl_image_crc(image, n)}};
+        s_cmd.auth.key_id = cases[i].validates;
+        TEST_ASSERT_EQUAL_INT(cases[i].validation,
+                              kc_cmd_validate(&s_log, &parts.tables, &s_cmd, &parts.out).event);
+        s_cmd.auth.key_id = cases[i].activates;
+        kc_answer_t answer = kc_cmd_activate(&s_log, &parts.tables, &s_cmd, &parts.out);
+        TEST_ASSERT_EQUAL_INT(cases[i].activation, answer.event);
+        TEST_ASSERT_EQUAL_INT(answer.event == KC_EVT_NONE ? KC_OC_STORE : KC_OC_STAY, answer.outcome.id);
+    }
 }

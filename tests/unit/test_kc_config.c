@@ -213,3 +213,31 @@ void test_moving_cannot_take_less_power_than_standing(void)
     s_c.power_move_w = 10.0;
     expect_refused(51, 10.0);
 }
+
+/* Values at the end that are standard are left out, so that images of before they were there keep their CRC. */
+void test_an_image_ends_before_values_at_its_end_that_are_all_standard(void)
+{
+    static const struct {
+        double rest_part, no_change_power;
+        uint8_t go_by_other_key;
+        uint32_t more; /* bytes */
+    } cases[] = {{0.01, 0.99, 0u, 0u}, {0.02, 0.99, 0u, 17u}, {0.01, 0.5, 0u, 17u}, {0.01, 0.99, 1u, 17u}};
+    static uint8_t image[KC_IMAGE_MAX];
+    static kc_config_t back;
+    static kc_events_t ev;
+    uint32_t n_standard = 0u, n = 0u;
+    for (uint32_t i = 0u; i < 4u; i++) {
+        s_c.rest_part = cases[i].rest_part;
+        s_c.no_change_power = cases[i].no_change_power;
+        s_c.go_by_other_key = cases[i].go_by_other_key;
+        n = given_image(KC_TBL_CONFIG, &s_c, image);
+        if (i == 0u) { n_standard = n; }
+        TEST_ASSERT_EQUAL_UINT32(n_standard + cases[i].more, n);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_decode(KC_TBL_CONFIG, image, n, &back, &ev));
+        TEST_ASSERT_EQUAL_MEMORY(&s_c, &back, sizeof back);
+    }
+    image[n - 1u] = 0u; /* it says standard values now, and would have another CRC than without them */
+    given_resealed(image, n);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_tbl_decode(KC_TBL_CONFIG, image, n, &back, &ev));
+    TEST_ASSERT_EQUAL_UINT32(KC_EVT_TBL_RANGE, ev.e[0].id);
+}

@@ -20,18 +20,6 @@ void setUp(void)
     s_n = 99u;
 }
 
-/* Hubs in a chain 0-1-2-...-(n-1), candidate k on hub k. */
-static void given_chain(uint32_t n)
-{
-    given_space(&s_s, n, 1u);
-    memset(s_s.edge, 0, sizeof s_s.edge);
-    s_s.n_hub = n;
-    for (uint32_t h = 0u; h < n; h++) {
-        s_s.hub_edge[h] = (uint16_t)((h > 0u ? 1u << (h - 1u) : 0u) | (h + 1u < n ? 1u << (h + 1u) : 0u));
-        s_s.cand[h].hub = (uint8_t)h;
-    }
-}
-
 static void expect_path(uint32_t from, uint32_t to, const uint16_t *want, uint32_t n)
 {
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_path_plan(&s_s, from, to, s_path, &s_n));
@@ -76,7 +64,7 @@ void test_paths_between_hubs_and_candidates(void)
 
 void test_the_longest_path_fits(void)
 {
-    given_chain(KC_HUB_MAX);
+    given_chain(&s_s, KC_HUB_MAX);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_path_plan(&s_s, NODE(0u), NODE(15u), s_path, &s_n));
     TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + 1u, s_n);
     for (uint32_t h = 0u; h < KC_HUB_MAX; h++) { TEST_ASSERT_EQUAL_UINT16(h, s_path[h]); }
@@ -87,7 +75,7 @@ void test_the_shortest_path_over_hubs_is_taken_lowest_index_first(void)
 {
     /* a ring 0-1-2-3-0: from 0 to 2 both paths are as long */
     const uint16_t want[] = {1u, 2u};
-    given_chain(4u);
+    given_chain(&s_s, 4u);
     s_s.hub_edge[0] |= 8u;
     s_s.hub_edge[3] |= 1u;
     expect_path(0u, 2u, want, 2u);
@@ -172,7 +160,7 @@ static void between(const float *a, const float *b, double t, double *q)
 void test_a_place_on_a_verified_segment_leads_to_one_of_its_ends(void)
 {
     double q[KC_JOINT_MAX];
-    given_chain(3u);
+    given_chain(&s_s, 3u);
     for (uint32_t h = 0u; h < 3u; h++) {
         for (uint32_t j = 0u; j < s_s.n_joints; j++) {
             s_s.hub_q[h][j] = (float)(h == j + 1u ? 0.5 : 0.0);

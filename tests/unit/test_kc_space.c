@@ -15,18 +15,6 @@ void setUp(void)
     given_space(&s_s, 9u, 1u);
 }
 
-/* Hubs in a chain 0-1-2-...-(n-1), candidate k on hub k. */
-static void given_chain(uint32_t n)
-{
-    given_space(&s_s, n, 1u);
-    memset(s_s.edge, 0, sizeof s_s.edge);
-    s_s.n_hub = n;
-    for (uint32_t h = 0u; h < n; h++) {
-        s_s.hub_edge[h] = (uint16_t)((h > 0u ? 1u << (h - 1u) : 0u) | (h + 1u < n ? 1u << (h + 1u) : 0u));
-        s_s.cand[h].hub = (uint8_t)h;
-    }
-}
-
 void test_an_edge_is_the_same_in_both_directions(void)
 {
     TEST_ASSERT_TRUE(kc_space_edge(&s_s, 2u, 4u));
@@ -107,7 +95,7 @@ void test_a_good_space_is_accepted_with_and_without_an_arm(void)
     expect_valid(&s_arm);
     given_space(&s_s, 1u, 1u);
     expect_valid(&s_arm);
-    given_chain(KC_HUB_MAX);
+    given_chain(&s_s, KC_HUB_MAX);
     expect_valid(&s_arm);
 }
 

@@ -10,10 +10,12 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "given_parts.h"
 #include "given_process.h"
 #include "given_tables.h"
-#include "given_world.h"
 #include "kc_edge.h"
+#include "kc_opcodes.h"
+#include "kc_signed.h"
 #include "kc_wire.h"
 #include "kcm_ack_t.h"
 #include "kcm_arm_state_t.h"
@@ -29,6 +31,8 @@
 
 #define APP (&kc_app_instance)
 
+static const kc_keys_t s_keys = {.n = 1u, .key = {{.id = 1u, .secret = {5u}}}};
+static uint64_t s_counter;
 static kc_edge_t s_e;
 static kc_files_t s_f;
 static char s_dir[64];
@@ -125,8 +129,10 @@ static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
 
 static void given_edge(bool live)
 {
-    given_world();
-    world_boot();
+    given_app();
+    memset(&APP->input, 0, sizeof APP->input); /* nothing was heard yet */
+    kc_app_keys(APP, &s_keys);
+    kc_app_boot(APP);
     memset(&s_fails, 0, sizeof s_fails);
     s_n_done = s_n_ack = s_n_hk = s_n_event = s_n_down = s_n_arm_cmd = 0u;
     s_stop = 0;
@@ -190,16 +196,20 @@ static void sign(kcm_cmd_t *m)
 {
     kc_cmd_t c;
     kc_wire_cmd(m, &c);
-    world_sign_cmd(&c);
+    given_signature(&c, s_keys.key, ++s_counter);
     to_wire(&c.auth, &m->key_id, &m->counter, m->mac);
 }
 
 static void sign_chunk(kcm_table_chunk_t *m)
 {
     static kc_table_chunk_t c;
+    uint8_t head[KC_SIGNED_HEAD_MAX];
     m->source = 2;
     kc_wire_table_up(m, &c);
-    world_sign_chunk(&c);
+    c.auth.key_id = s_keys.key[0].id;
+    c.auth.counter = ++s_counter;
+    kc_auth_text_t text = kc_signed_chunk(&c, head);
+    kc_auth_mac(s_keys.key, &text, c.auth.mac);
     to_wire(&c.auth, &m->key_id, &m->counter, m->mac);
 }
 
@@ -335,21 +345,23 @@ void test_a_calibration_starts_over_the_network_and_moves_the_arm(void)
     pump();
     TEST_ASSERT_EQUAL_INT(KC_OK, s_ack.status);
     TEST_ASSERT_EQUAL_UINT32(1u, s_n_arm_cmd);
-    TEST_ASSERT_TRUE(world_calibrating());
+    TEST_ASSERT_TRUE(kc_states_calibrating(kc_app_state(APP)));
 }
 
 void test_a_table_goes_up_and_comes_down(void)
 {
     static kcm_table_chunk_t c;
-    world.config.n_poses = 9u;
-    uint32_t n = given_image(KC_TBL_CONFIG, &world.config, world.image);
-    int32_t crc = (int32_t)kc_tbl_image_crc(world.image, n);
+    static uint8_t image[KC_IMAGE_MAX];
+    kc_config_t config = kc_app_active(APP)->config;
+    config.n_poses = 9u;
+    uint32_t n = given_image(KC_TBL_CONFIG, &config, image);
+    int32_t crc = (int32_t)kc_tbl_image_crc(image, n);
     send_time(1);
     pump();
     c.t_us = 150000;
     c.kind = KC_TBL_CONFIG;
     c.total_bytes = c.n = (int32_t)n;
-    memcpy(c.data, world.image, n);
+    memcpy(c.data, image, n);
     sign_chunk(&c);
     SEND(table_chunk_t, "KC_TABLE_UP", c);
     send_time(2);
@@ -435,7 +447,7 @@ void test_commands_get_through_a_flood_of_others_in_their_name(void)
     send_arm(2);
     send_time(2);
     pump();
-    TEST_ASSERT_TRUE(world_calibrating());
+    TEST_ASSERT_TRUE(kc_states_calibrating(kc_app_state(APP)));
     TEST_ASSERT_EQUAL_UINT32(KC_EDGE_MACS_CMD, s_e.macs_cmd);
 }
 
@@ -457,7 +469,7 @@ void test_a_start_in_a_full_queue_does_not_outlive_an_abort(void)
             send_arm((int32_t)tick);
             send_time(tick);
             pump();
-            TEST_ASSERT_FALSE(world_calibrating());
+            TEST_ASSERT_FALSE(kc_states_calibrating(kc_app_state(APP)));
         }
         TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
         TEST_ASSERT_EQUAL_UINT32(0u, s_e.queue.n_cmd);
