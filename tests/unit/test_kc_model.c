@@ -227,6 +227,20 @@ void test_the_arm_side_does_not_see_camera_terms(void)
     assert_doubles(zero, s_ev.J[0], 6, 0.0);
 }
 
+/* Whatever the evaluation before has left there. */
+void test_without_a_camera_pose_nothing_of_the_measurement_moves_the_residual(void)
+{
+    static const double zero[6];
+    kc_obs_t obs = given_observation();
+    double r[6];
+    obs.has_cam = 0u;
+    memset(&s_ev, 0x3f, sizeof s_ev);
+    (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
+    for (uint32_t i = 6u * KC_FRAME_CAMERA; i < 6u * KC_FRAME_COUNT; i++) {
+        assert_doubles(zero, s_ev.twist[i], 6, 0.0);
+    }
+}
+
 void test_position_only_has_three_rows_and_no_rotation_part(void)
 {
     const double want[6] = {0.01, 0.0, -0.02, 0.0, 0.0, 0.0};

@@ -957,3 +957,19 @@ void test_what_lies_beyond_its_variables_plays_no_part(void)
         for (uint32_t i = n; i < KC_COEF_MAX; i++) { TEST_ASSERT_EQUAL_DOUBLE(3.0, s_qp.x[i]); }
     }
 }
+
+/* g and three terms of 1 in each component: 4e-14 of gradient is rounding, whatever the signs. */
+void test_rounding_is_a_part_of_all_terms_whatever_their_signs(void)
+{
+    for (uint32_t signs = 0u; signs < 8u; signs++) {
+        given(3u);
+        for (uint32_t i = 0u; i < 3u; i++) {
+            for (uint32_t j = 0u; j < 3u; j++) { *H(i, j) = (signs & 1u) != 0u && i != j ? -1.0 : 1.0; }
+            s_qp.g[i] = (signs & 2u) != 0u ? -1.0 : 1.0;
+            s_qp.x[i] = (signs & 4u) != 0u ? -1.0 : 1.0;
+        }
+        s_qp.g_max = s_qp.H_max = 1.0;
+        TEST_ASSERT_TRUE(kc_qp_rounding(&s_qp, 3.9e-14));
+        TEST_ASSERT_FALSE(kc_qp_rounding(&s_qp, 4.1e-14));
+    }
+}
