@@ -159,6 +159,10 @@ void test_an_arm_that_sags_is_expected_where_it_sags_to(void)
         q[1] += coef[4] * loads.tau[1];
         kc_view_pose(&parts.view, coef, cand, &T);
         expect_pose(q, &T);
+        memcpy(parts.learned.coef, coef, sizeof coef);
+        memset(&T, 0, sizeof T);
+        kc_view_expect(&parts.view, ctx.q, &T);
+        expect_pose(q, &T);
     }
 }
 
