@@ -644,6 +644,25 @@ void test_directions_known_are_none_before_and_at_most_the_rows_of_the_observati
     }
 }
 
+/* Of each coefficient the part of its variance that is gone: any of them alone, all, and with priors of their own. */
+void test_directions_known_are_those_of_the_information_by_dense_algebra(void)
+{
+    for (uint32_t n = 0u; n <= 5u; n++) {
+        matrix_t A, M;
+        double known = 0.0;
+        kc_acq_ask_t ask;
+        setUp();
+        given_requests(n);
+        known_before(A);
+        (void)inverted(A, M);
+        for (uint32_t i = 0u; i < N_REQ; i++) { known += 1.0 - M[i][i] * (i == 3u ? 16.0 : 1.0); }
+        ask = asked(KC_ACQ_DOPT);
+        answer(&ask);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, known, s_work.known);
+        TEST_ASSERT_TRUE(n == 0u || known > 3.0);
+    }
+}
+
 /* J M J' of the position, with noise of other sizes along every axis and two of them in common. */
 void test_the_sigma_of_a_candidate_is_that_of_its_predicted_position(void)
 {

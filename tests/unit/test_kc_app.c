@@ -6,7 +6,6 @@
 
 #include "given_parts.h"
 #include "given_tables.h"
-#include "kc_opcodes.h"
 #include "kc_signed.h"
 #include "unity.h"
 

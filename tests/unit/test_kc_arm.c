@@ -95,6 +95,25 @@ void test_wrong_counts_and_names_are_refused(void)
     refused(-1, 0.0);
 }
 
+/* Each joint is checked, as many as there may be, and none beyond them. */
+void test_as_many_joints_as_there_may_be_are_checked(void)
+{
+    const kc_joint_t good = s_arm.joint[0];
+    int32_t index = -9;
+    double got = 0.0;
+    for (uint32_t n = 1u; n <= KC_JOINT_MAX; n++) {
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_arm.joint[j] = good; }
+        s_arm.n_joints = n;
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_arm_validate(&s_arm, &index, &got));
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
+            s_arm.joint[j].speed_max = -1.0;
+            TEST_ASSERT_EQUAL_INT(j < n ? KC_ERR_RANGE : KC_OK, kc_arm_validate(&s_arm, &index, &got));
+            if (j < n) { TEST_ASSERT_EQUAL_INT32((int32_t)j, index); }
+            s_arm.joint[j] = good;
+        }
+    }
+}
+
 void test_wrong_frames_and_gravity_are_refused(void)
 {
     s_arm.base_quat_wxyz[0] = 0.9;

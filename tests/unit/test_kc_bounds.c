@@ -123,6 +123,18 @@ void test_the_farther_end_of_a_range_counts(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 5.76, size_of(KC_FN_LIN, KC_VAR_Q, 5u, 1.0, 1.0));
 }
 
+void test_every_joint_has_its_own_speed_and_limits(void)
+{
+    for (uint32_t j = 0u; j < 7u; j++) {
+        s_arm.joint[j].speed_max = 0.1 * (double)(j + 1u);
+        s_arm.joint[j].q_max = 3.0 + (double)j;
+    }
+    for (uint8_t j = 1u; j <= 7u; j++) {
+        expect_size(0.1 * j, KC_VAR_QDOT, j);
+        expect_size(j == 5u ? 7.0 : 2.0 + j, KC_VAR_Q, j);
+    }
+}
+
 void test_variables_that_the_arm_table_bounds(void)
 {
     expect_size(2.6, KC_VAR_Q, 1u);

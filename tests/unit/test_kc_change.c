@@ -6,7 +6,6 @@
 
 #include "given_parts.h"
 #include "given_tables.h"
-#include "kc_opcodes.h"
 #include "unity.h"
 
 #define RETRIES 2u

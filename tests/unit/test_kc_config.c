@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "given_tables.h"
+#include "kc_layout.h"
 #include "unity.h"
 
 static kc_config_t s_c;
@@ -240,4 +241,62 @@ void test_an_image_ends_before_values_at_its_end_that_are_all_standard(void)
     given_resealed(image, n);
     TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_tbl_decode(KC_TBL_CONFIG, image, n, &back, &ev));
     TEST_ASSERT_EQUAL_UINT32(KC_EVT_TBL_RANGE, ev.e[0].id);
+}
+
+/* ---- the end of the table: an image with standard values ends before ---- */
+
+static uint8_t s_image[KC_IMAGE_MAX];
+
+static kc_walk_t walked(kc_walk_mode_t mode, kc_config_t *c, uint32_t n)
+{
+    kc_walk_t w;
+    memset(&w, 0, sizeof w);
+    w.mode = mode;
+    w.index = -1;
+    if (mode == KC_WALK_WRITE) {
+        w.out = s_image;
+        w.cap = sizeof s_image;
+    } else {
+        w.in = s_image;
+        w.in_n = n;
+    }
+    kc_config_walk(&w, c);
+    return w;
+}
+
+void test_only_an_image_with_a_value_beside_the_standard_has_the_end(void)
+{
+    uint32_t n_short = 0u;
+    for (uint32_t k = 0u; k < 8u; k++) {
+        kc_config_t back;
+        s_c.rest_part = (k & 1u) != 0u ? 0.02 : 0.01;
+        s_c.no_change_power = (k & 2u) != 0u ? 0.9 : 0.99;
+        s_c.go_by_other_key = (k & 4u) != 0u ? 1u : 0u;
+        const uint32_t n = walked(KC_WALK_WRITE, &s_c, 0u).pos;
+        if (k == 0u) { n_short = n; }
+        TEST_ASSERT_EQUAL_UINT32(n_short + (k == 0u ? 0u : 17u), n);
+        memset(&back, 0x11, sizeof back);
+        const kc_walk_t w = walked(KC_WALK_READ, &back, n);
+        TEST_ASSERT_EQUAL_UINT32(0u, w.n_bad);
+        TEST_ASSERT_EQUAL_UINT32(n, w.pos);
+        TEST_ASSERT_EQUAL_DOUBLE(s_c.rest_part, back.rest_part);
+        TEST_ASSERT_EQUAL_DOUBLE(s_c.no_change_power, back.no_change_power);
+        TEST_ASSERT_EQUAL_UINT8(s_c.go_by_other_key, back.go_by_other_key);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_config_validate(&s_c, &s_index, &s_got));
+    }
+}
+
+/* There would be two images of one table. */
+void test_an_image_that_says_the_standard_at_its_end_is_refused(void)
+{
+    const double rest_part = 0.01, power = 0.99;
+    s_c.rest_part = 0.02;
+    s_c.no_change_power = power;
+    const uint32_t n = walked(KC_WALK_WRITE, &s_c, 0u).pos;
+    TEST_ASSERT_EQUAL_MEMORY(&power, &s_image[n - 9u], sizeof power); /* little-endian, as the machine */
+    memcpy(&s_image[n - 17u], &rest_part, sizeof rest_part);
+    const kc_walk_t w = walked(KC_WALK_READ, &s_c, n);
+    TEST_ASSERT_EQUAL_UINT32(1u, w.n_bad);
+    TEST_ASSERT_EQUAL_UINT32(88u, w.bad_field);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, w.bad_got);
 }

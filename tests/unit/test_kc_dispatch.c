@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "given_parts.h"
-#include "kc_opcodes.h"
 #include "kc_signed.h"
 #include "unity.h"
 

@@ -14,7 +14,6 @@
 #include "given_process.h"
 #include "given_tables.h"
 #include "kc_edge.h"
-#include "kc_opcodes.h"
 #include "kc_signed.h"
 #include "kc_wire.h"
 #include "kcm_ack_t.h"

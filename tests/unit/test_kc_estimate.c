@@ -7,6 +7,7 @@
 #include "given_observations.h"
 #include "given_tables.h"
 #include "kc_est_priv.h"
+#include "kc_rng.h"
 #include "unity.h"
 
 static kc_arm_t s_arm;
@@ -434,6 +435,87 @@ void test_pose_covariance_is_that_of_the_coefficients_seen_through_the_jacobian(
     }
     for (int k = 0; k < 3; k++) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, p[k], cov[7 * k]); }
     TEST_ASSERT_TRUE(cov[0] > 0.0 && cov[0] < 1e-5);
+}
+
+/* Some coefficients are masked, the first, the last and some between; what stands in cov for them plays no part. */
+void test_pose_covariance_is_of_the_estimated_coefficients_alone(void)
+{
+    static kc_eval_t work;
+    static const uint64_t masks[] = {0xffffffffull, 0xffffffeull, 0x7ffffffull,
+                                     0xaaaaaaaull,  0xf0f0f0full, 0x1ull};
+    for (uint32_t m = 0u; m < sizeof masks / sizeof masks[0]; m++) {
+        double cov[36], scale = 0.0;
+        kc_loads_t loads;
+        given(12u, 1.0);
+        s_est.opt.free_mask = masks[m];
+        (void)kc_est_solve(&s_est);
+        kc_model_loads(&s_arm, &s_terms, s_est.coef, &s_est.obs[5].ctx, &loads);
+        kc_model_eval(&s_arm, &s_terms, s_est.coef, &s_est.obs[5].ctx, &loads, true, &s_other.eval);
+        for (uint32_t c = 0u; c < 28u; c++) {
+            for (uint32_t k = 0u; k < 28u && (masks[m] >> c & 1u) == 0u; k++) {
+                s_est.cov[c * KC_COEF_MAX + k] = s_est.cov[k * KC_COEF_MAX + c] = 1.0;
+            }
+        }
+        kc_est_pose_cov(&s_est, &s_est.obs[5].ctx, &work, cov);
+        for (uint32_t k = 0u; k < 6u; k++) { scale = fmax(scale, cov[7u * k]); }
+        for (uint32_t k = 0u; k < 36u; k++) {
+            double want = 0.0;
+            for (uint32_t i = 0u; i < 28u; i++) {
+                for (uint32_t j = 0u; j < 28u; j++) {
+                    if ((masks[m] >> i & masks[m] >> j & 1u) == 0u) { continue; }
+                    want += s_other.eval.J[i][k / 6u] * s_est.cov[i * KC_COEF_MAX + j] *
+                            s_other.eval.J[j][k % 6u];
+                }
+            }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-9 * scale, want, cov[k]);
+        }
+    }
+}
+
+/* R'R and R'z of the columns that stay are what they were; the columns are those of the fit. */
+void test_columns_that_are_not_in_the_fit_leave_and_the_others_stay_as_they_were(void)
+{
+    static const uint32_t column[6] = {1u, 4u, 5u, 9u, 20u, 27u};
+    static double before[7][7];
+    for (uint32_t set = 1u; set < 64u; set++) {
+        uint32_t place[7], n = 0u;
+        uint64_t rng = set;
+        memset(s_est.R, 0, sizeof s_est.R);
+        for (uint32_t i = 0u; i < 6u; i++) {
+            for (uint32_t j = i; j < 7u; j++) {
+                s_est.R[i * KC_EST_LD + j] = kc_rng_uniform(&rng) + (i == j ? 1.0 : 0.0);
+            }
+        }
+        for (uint32_t a = 0u; a < 7u; a++) {
+            for (uint32_t b = 0u; b < 7u; b++) {
+                before[a][b] = 0.0;
+                for (uint32_t i = 0u; i < 6u; i++) {
+                    before[a][b] += s_est.R[i * KC_EST_LD + a] * s_est.R[i * KC_EST_LD + b];
+                }
+            }
+        }
+        memcpy(s_est.column, column, sizeof column);
+        s_est.n_column = 6u;
+        for (uint32_t j = 0u; j < 6u; j++) {
+            if ((set >> j & 1u) == 0u) { continue; }
+            s_est.idx[n] = column[j];
+            place[n++] = j;
+        }
+        place[n] = 6u;
+        s_est.n_idx = n;
+        kc_est_narrow(&s_est);
+        TEST_ASSERT_EQUAL_UINT32(n, s_est.n_column);
+        TEST_ASSERT_EQUAL_UINT32_ARRAY(s_est.idx, s_est.column, n);
+        for (uint32_t a = 0u; a <= n; a++) {
+            for (uint32_t b = 0u; b < n; b++) {
+                double now = 0.0;
+                for (uint32_t i = 0u; i <= b && (a == n || i <= a); i++) {
+                    now += s_est.R[i * KC_EST_LD + a] * s_est.R[i * KC_EST_LD + b];
+                }
+                TEST_ASSERT_DOUBLE_WITHIN(1e-12, before[place[a]][place[b]], now);
+            }
+        }
+    }
 }
 
 /* ---- a step of the fit ---- */

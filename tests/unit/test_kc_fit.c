@@ -12,6 +12,8 @@ static kc_est_t s_est;
 static kc_residual_t s_residual[KC_MEAS_MAX];
 static uint32_t s_worst;
 
+static bool mismatch(uint32_t n_meas, uint32_t n_local);
+
 void setUp(void)
 {
     given_config(&s_config);
@@ -113,6 +115,36 @@ void test_both_requirements_have_to_be_met(void)
     TEST_ASSERT_TRUE(kc_fit_meets(&s_config, (kc_residual_t){0.001, 0.01}));
     TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_residual_t){0.0011, 0.01}));
     TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_residual_t){0.001, 0.011}));
+}
+
+/* Required and bound, of position and of rotation; 0: not required. */
+void test_each_requirement_counts_by_itself_however_small(void)
+{
+    static const double limit[] = {0.0, 1e-6, 0.02, 1.5};
+    for (uint32_t k = 0u; k < 16u; k++) {
+        const double pos = limit[k / 4u], rot = limit[k % 4u];
+        s_config.stop_pos_m = pos;
+        s_config.stop_rot_rad = rot;
+        TEST_ASSERT_EQUAL_INT(k > 0u, kc_fit_required(&s_config));
+        TEST_ASSERT_EQUAL_INT(k > 0u, kc_fit_meets(&s_config, (kc_residual_t){pos, rot}));
+        TEST_ASSERT_EQUAL_INT(k > 0u && k / 4u == 0u,
+                              kc_fit_meets(&s_config, (kc_residual_t){pos + 1e-9, rot}));
+        TEST_ASSERT_EQUAL_INT(k > 0u && k % 4u == 0u,
+                              kc_fit_meets(&s_config, (kc_residual_t){pos, rot + 1e-9}));
+    }
+}
+
+/* Each limit by itself, at it and beyond it. */
+void test_a_residual_at_a_limit_of_the_mismatch_is_none(void)
+{
+    for (uint32_t i = 0u; i < 4u; i++) {
+        s_residual[i] = (kc_residual_t){0.02, 0.06};
+        TEST_ASSERT_FALSE(mismatch(4u, 4u));
+        s_residual[i] = i % 2u == 0u ? (kc_residual_t){0.0201, 0.0} : (kc_residual_t){0.0, 0.0601};
+        TEST_ASSERT_TRUE(mismatch(4u, 4u));
+        TEST_ASSERT_EQUAL_UINT32(i, s_worst);
+        s_residual[i] = (kc_residual_t){0.0, 0.0};
+    }
 }
 
 void test_a_requirement_of_zero_is_none(void)

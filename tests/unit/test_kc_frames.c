@@ -166,6 +166,21 @@ void test_any_other_tag_keeps_corners_from_being_averaged(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 10.0, s_mean.corner_px[0]);
 }
 
+/* What an earlier detection left behind the tags of this one. */
+void test_tags_beyond_their_number_are_not_compared(void)
+{
+    for (uint32_t n = 1u; n < KC_TAG_MAX; n++) {
+        kc_frames_clear(&s_f);
+        s_d.n_tags = n;
+        for (int32_t i = 0; i < (int32_t)KC_TAG_MAX; i++) { s_d.tag_id[i] = i; }
+        add(0.1, 0.0);
+        for (uint32_t i = n; i < KC_TAG_MAX; i++) { s_d.tag_id[i] = 99; }
+        add(0.3, 0.0);
+        mean();
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 20.0, s_mean.corner_px[0]);
+    }
+}
+
 void test_turns_about_every_axis_are_averaged(void)
 {
     for (uint32_t axis = 0u; axis < 3u; axis++) {

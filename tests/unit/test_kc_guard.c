@@ -831,6 +831,14 @@ void test_a_check_that_runs_out_of_postures_refuses(void)
     TEST_ASSERT_TRUE(job.over);
     TEST_ASSERT_TRUE(job.part < 1.0);
     TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
+    kc_guard_begin(&s_ask, &job);
+    one.used = 0u;
+    TEST_ASSERT_FALSE(kc_guard_step(&s_ask, &job, &one));
+    job.at.d[0] = KC_GUARD_CLEAR_M;
+    job.k = KC_GUARD_STEPS_MAX; /* one posture less: it goes on */
+    one.used = 0u;
+    TEST_ASSERT_FALSE(kc_guard_step(&s_ask, &job, &one));
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_OK, job.verdict);
 }
 
 /* Postures of a move of joint 1, which keeps the height above the ground. */

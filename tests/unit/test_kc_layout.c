@@ -507,6 +507,39 @@ void test_stops_come_back_from_an_image_and_one_without_them_ends_before(void)
     written_and_read(KC_TBL_SPACE);
 }
 
+/* Every stop of every candidate by itself, and in the image one byte each. */
+void test_each_stop_is_where_it_was(void)
+{
+    static kc_tbl_scratch_t written;
+    memset(&s_t, 0, sizeof s_t);
+    given_space(&s_t.space, 5u, 1u);
+    written_and_read(KC_TBL_SPACE);
+    const uint32_t without = s_w.pos;
+    for (uint32_t n = 1u; n <= KC_STOP_MAX; n++) {
+        s_t.space.n_stop = n;
+        for (uint32_t i = 0u; i < 5u; i++) {
+            for (uint32_t k = 0u; k < n; k++) { s_t.space.stop[i][k] = (uint8_t)(10u * i + k + 1u); }
+        }
+        written = s_t;
+        written_and_read(KC_TBL_SPACE);
+        TEST_ASSERT_EQUAL_MEMORY(written.space.stop, s_t.space.stop, sizeof s_t.space.stop);
+        check(KC_TBL_SPACE);
+        TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
+        written_and_read(KC_TBL_SPACE);
+        TEST_ASSERT_EQUAL_UINT32(5u * n, s_w.pos - without - 4u);
+    }
+    for (uint32_t k = 0u; k < KC_STOP_MAX; k++) { /* a local pose has none */
+        given_stops();
+        s_t.space.n_stop = KC_STOP_MAX;
+        memset(s_t.space.stop, 0, sizeof s_t.space.stop);
+        s_t.space.cand[3].why = KC_CAND_LOCAL;
+        for (uint32_t i = 0u; i <= k; i++) { s_t.space.stop[3][i] = (uint8_t)(i + 1u); }
+        check(KC_TBL_SPACE);
+        TEST_ASSERT_EQUAL_UINT32(k + 1u, s_w.n_bad);
+        TEST_ASSERT_EQUAL_INT32(3, s_w.bad_index);
+    }
+}
+
 void test_stops_out_of_order_or_too_many_are_refused(void)
 {
     given_stops();

@@ -124,3 +124,36 @@ void test_what_was_left_out_and_is_then_repeated_comes_back(void)
     TEST_ASSERT_EQUAL_INT(KC_LEAVE_OUT_NONE, searched((double[]){-1.0, 1.0, -1.0, 1.0}));
     TEST_ASSERT_EQUAL_UINT32(0u, s_without);
 }
+
+/* Whichever two of four are of one candidate. */
+void test_any_two_measurements_of_a_pose_repeat_each_other(void)
+{
+    for (uint32_t a = 0u; a < 4u; a++) {
+        for (uint32_t b = 0u; b < a; b++) {
+            given(4u);
+            s_plan.cand_of[4] = s_plan.cand_of[a] = s_plan.cand_of[b] = 9u; /* a fifth that was not made */
+            for (uint32_t i = 0u; i < 4u; i++) {
+                TEST_ASSERT_EQUAL_INT(i == a || i == b, kc_leave_out_repeated(&s_config, &s_plan, s_obs, i));
+            }
+            s_plan.cand_of[b] = (uint16_t)b;
+            TEST_ASSERT_FALSE(kc_leave_out_repeated(&s_config, &s_plan, s_obs, a));
+        }
+    }
+}
+
+/* The trial without the first one fits; the others are tried all the same, and a better one wins. */
+void test_a_search_goes_on_after_the_first_one_that_fits(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_LEAVE_OUT_DONE, searched((double[]){5.0, -1.0, -1.0, 4.0}));
+    TEST_ASSERT_EQUAL_UINT32(4u, s_without);
+    given(4u);
+    TEST_ASSERT_EQUAL_INT(KC_LEAVE_OUT_DONE, searched((double[]){5.0, 6.0, -1.0, 7.0}));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_without);
+    given(4u);
+    for (uint32_t i = 0u; i < 5u; i++) { /* the whole set, then each by itself */
+        TEST_ASSERT_EQUAL_UINT32(i, s_without);
+        TEST_ASSERT_EQUAL_INT(KC_LEAVE_OUT_AGAIN, answer_to(i > 0u, 1.0));
+    }
+    TEST_ASSERT_EQUAL_UINT32(1u, s_without);
+    TEST_ASSERT_EQUAL_INT(KC_LEAVE_OUT_DONE, answer_to(true, 1.0));
+}

@@ -227,6 +227,20 @@ void test_the_arm_side_does_not_see_camera_terms(void)
     assert_doubles(zero, s_ev.J[0], 6, 0.0);
 }
 
+/* Whatever the evaluation before has left there. */
+void test_without_a_camera_pose_nothing_of_the_measurement_moves_the_residual(void)
+{
+    static const double zero[6];
+    kc_obs_t obs = given_observation();
+    double r[6];
+    obs.has_cam = 0u;
+    memset(&s_ev, 0x3f, sizeof s_ev);
+    (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
+    for (uint32_t i = 6u * KC_FRAME_CAMERA; i < 6u * KC_FRAME_COUNT; i++) {
+        assert_doubles(zero, s_ev.twist[i], 6, 0.0);
+    }
+}
+
 void test_position_only_has_three_rows_and_no_rotation_part(void)
 {
     const double want[6] = {0.01, 0.0, -0.02, 0.0, 0.0, 0.0};
@@ -342,6 +356,24 @@ void test_the_tool_frame_is_the_corrected_tool(void)
     assert_doubles(s_ev.T.R, frame[0].R, 9, 0.0);
     assert_doubles(before[1].R, frame[1].R, 9, 0.0); /* the correction is beyond joint 1 */
     TEST_ASSERT_TRUE(fabs(frame[3].p_m[0] - before[3].p_m[0]) > 1e-3);
+}
+
+/* Every correction that can be, at the base, at each link and at the tool. */
+void test_the_tool_frame_has_every_correction(void)
+{
+    static const uint8_t at[] = {0u, 1u, 2u, 3u, KC_FRAME_TOOL};
+    kc_pose_t frame[KC_JOINT_MAX + 1u];
+    double along_m[KC_JOINT_MAX + 1u], across_m[KC_JOINT_MAX + 1u];
+    for (uint8_t k = 0u; k < 30u; k++) { add_term(at[k / 6u], k % 6u, KC_VAR_ONE, 0u); }
+    for (uint32_t k = 0u; k <= 30u; k++) { /* each alone, then all of them */
+        for (uint32_t c = 0u; c < 30u; c++) { s_coef[c] = k == 30u || c == k ? 0.02 + 0.003 * c : 0.0; }
+        kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
+        kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev);
+        kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m, across_m);
+        assert_doubles(s_ev.T.p_m, frame[0].p_m, 3, 1e-14);
+        assert_doubles(s_ev.T.R, frame[0].R, 9, 1e-14);
+        TEST_ASSERT_TRUE(isfinite(along_m[0]) && isfinite(across_m[0]));
+    }
 }
 
 void test_frames_say_how_far_corrections_move_them_along_and_across_their_axis(void)

@@ -7,6 +7,7 @@
 #include "given_tables.h"
 #include "kc_chi2.h"
 #include "kc_monitor.h"
+#include "kc_rng.h"
 #include "unity.h"
 
 static kc_arm_t s_arm;
@@ -400,4 +401,100 @@ void test_what_a_named_joint_leaves_may_be_as_rare_as_one_in_a_million(void)
         if (s_v.state == KC_MON_NAMED && s_v.n_obs == 8u) { most = fmax(most, s_v.rest); }
     }
     TEST_ASSERT_TRUE(most > 107.0 && most <= 108.178);
+}
+
+/* The chance of the likeliest of three residuals in which one number alone is off; no joint can explain it. */
+void test_every_number_of_a_residual_counts_in_what_is_unexplained(void)
+{
+    for (uint32_t c = 0u; c < 6u; c++) {
+        setUp();
+        observations(3u, 0u, 0.0);
+        double most = 0.0;
+        for (uint32_t i = 0u; i < 3u; i++) {
+            kc_mon_obs_t *k = &s_mon.obs[i];
+            double z = 7.0 + (double)((i + c) % 3u);
+            memset(k->r, 0, sizeof k->r);
+            memset(k->Jq, 0, sizeof k->Jq);
+            k->r[c] = z * (c < 3u ? OBS_POS_M : OBS_ROT_RAD);
+            most = fmax(most, kc_chi2_sf(z * z, 6u));
+        }
+        kc_monitor_evaluate(&s_mon, &s_v);
+        TEST_ASSERT_EQUAL_INT(KC_MON_UNEXPLAINED, s_v.state);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9 * most, most, s_v.p);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, c < 3u ? fabs(kc_monitor_back(&s_mon, 0u)->r[c]) : 0.0, s_v.off_m);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, c < 3u ? 0.0 : fabs(kc_monitor_back(&s_mon, 0u)->r[c]), s_v.off_rad);
+    }
+}
+
+/* x of A x = b, six of each; A is positive definite. */
+static void solve6(const double *A, const double *b, double *x)
+{
+    double M[6][7];
+    for (uint32_t i = 0u; i < 6u; i++) {
+        memcpy(M[i], &A[6u * i], 6u * sizeof *A);
+        M[i][6] = b[i];
+    }
+    for (uint32_t k = 0u; k < 6u; k++) {
+        for (uint32_t i = 0u; i < 6u; i++) {
+            double f = i == k ? 0.0 : M[i][k] / M[k][k];
+            for (uint32_t j = k; j < 7u; j++) { M[i][j] -= f * M[k][j]; }
+        }
+    }
+    for (uint32_t i = 0u; i < 6u; i++) { x[i] = M[i][6] / M[i][i]; }
+}
+
+/* A covariance in which every error goes with every other. */
+static void correlated(double cov[36])
+{
+    double A[36];
+    for (uint32_t i = 0u; i < 36u; i++) {
+        double off = 0.8 * kc_rng_uniform(&s_rng) - 0.4;
+        A[i] = (i / 6u < 3u ? OBS_POS_M : OBS_ROT_RAD) * (i % 7u == 0u ? 1.0 + off : off);
+    }
+    for (uint32_t i = 0u; i < 36u; i++) {
+        cov[i] = 0.0;
+        for (uint32_t c = 0u; c < 6u; c++) { cov[i] += A[6u * (i / 6u) + c] * A[6u * (i % 6u) + c]; }
+    }
+}
+
+/* Exact observations of correlated covariances. Of a joint that moves the tool by a, an error of the floor's size pulls
+ * at the bias by C^-1 a; those of all observations act together. */
+void test_sigma_is_that_of_least_squares_with_what_all_observations_share(void)
+{
+    for (uint32_t j = 0u; j < 7u; j++) {
+        double all = 0.0, together = 0.0, apart = 0.0;
+        setUp();
+        s_rng = 30u + j;
+        kc_monitor_init(&s_mon, &s_arm, 0.1 * (double)j * OBS_POS_M, 0.2 * OBS_ROT_RAD);
+        for (uint32_t o = 0u; o < 4u; o++) {
+            double q[KC_JOINT_MAX] = {0.0}, at[KC_JOINT_MAX], y[6], s2 = 0.0;
+            kc_loads_t loads;
+            kc_ctx_t ctx;
+            given_joints(&s_arm, &s_rng, q);
+            memcpy(at, q, sizeof at);
+            at[j] += 0.25;
+            given_one_observation(&s_arm, &s_terms, s_coef, at, 0.0, &s_rng, &s_obs);
+            ctx = s_obs.ctx;
+            memcpy(s_obs.ctx.q, q, sizeof q);
+            correlated(s_obs.cov);
+            TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
+            kc_model_loads(&s_arm, &s_terms, s_coef, &ctx, &loads);
+            kc_model_eval(&s_arm, &s_terms, s_coef, &ctx, &loads, false, &s_work);
+            solve6(s_obs.cov, s_work.Jq[j], y);
+            for (uint32_t c = 0u; c < 6u; c++) {
+                all += s_work.Jq[j][c] * y[c];
+                s2 += y[c] * y[c] * s_mon.floor2[c];
+            }
+            together += sqrt(s2);
+            apart += s2;
+        }
+        const double sigma = sqrt(all + together * together - apart) / all;
+        kc_monitor_evaluate(&s_mon, &s_v);
+        TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+        TEST_ASSERT_EQUAL_UINT32(j, s_v.joint);
+        TEST_ASSERT_EQUAL_UINT32(4u, s_v.n_obs);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.25, s_v.bias);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6 * sigma, sigma, s_v.sigma);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6 * pow(0.25 / sigma, 2.0), pow(0.25 / sigma, 2.0), s_v.stat);
+    }
 }

@@ -146,6 +146,8 @@ void test_without_a_verified_path_the_candidate_is_skipped_and_away_from_all_of_
     TEST_ASSERT_EQUAL_INT(KC_OC_ABORT, oc.id);
     TEST_ASSERT_EQUAL_INT(KC_CAUSE_NO_PATH, oc.cause);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.06 / KC_HUB_BOUND, parts.out.events.e[0].got);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, parts.out.events.e[0].want);
+    TEST_ASSERT_EQUAL_INT32(CAND, parts.out.events.e[0].index);
 }
 
 /* Moving, so far beside the way point, in a message with this stamp; whether it is sent on. */
@@ -322,6 +324,25 @@ void test_hold_is_sent_again_for_three_seconds_while_the_arm_goes_on(void)
     TEST_ASSERT_EQUAL_UINT32(0u, parts.out.events.n);
 }
 
+/* What the guard had not finished is never sent. */
+void test_hold_gives_up_a_command_that_the_guard_still_checks(void)
+{
+    const double *at = s_arm->q;
+    double q[KC_JOINT_MAX];
+    kc_work_t none = {1u, 1u};
+    kc_path_joints(s_space, NODE, s_arm->q);
+    memcpy(q, at, sizeof q);
+    q[0] += 0.1;
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, kc_move_near(&s_move, &parts.view, &none, &parts.out, q).id);
+    TEST_ASSERT_FALSE(parts.out.has_arm_cmd);
+    kc_move_hold(&s_move, &parts.view, &parts.out);
+    TEST_ASSERT_EQUAL_INT(1, parts.out.arm_cmd.hold);
+    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(at, parts.out.arm_cmd.q, 7u);
+    (void)wait();
+    TEST_ASSERT_FALSE(parts.out.has_arm_cmd);
+    TEST_ASSERT_EQUAL_INT32(1, s_move.seq);
+}
+
 /* That is not flight's move; one that began before flight did may be. */
 void test_an_arm_that_somebody_else_moves_is_not_held_again(void)
 {
@@ -375,6 +396,119 @@ void test_on_its_segment_it_is_bound_for_its_end_and_beside_it_nowhere(void)
     at_node(0u, -1.0);
 }
 
+/* Any one joint may make the segment, first or last, and the arm be beside it by twice the tolerance. */
+void test_on_a_segment_of_one_joint_it_is_between_the_ends_and_not_beyond(void)
+{
+    const struct {
+        double part, beside;
+        bool on;
+    } cases[] = {{0.3, 0.0, true},
+                 {0.7, 1.9 * 0.5 * OFF, true},
+                 {0.5, -1.9 * 0.5 * OFF, true},
+                 {0.5, 2.1 * 0.5 * OFF, false},
+                 {1.2, 0.0, false},
+                 {-0.2, 0.0, false}};
+    s_config->servo.bound = 0.05;
+    for (uint32_t j = 0u; j < 7u; j++) {
+        memset(s_space->hub_q, 0, sizeof s_space->hub_q);
+        s_space->hub_q[0][(j + 3u) % 7u] = s_space->hub_q[1][(j + 3u) % 7u] = 0.25f;
+        s_space->hub_q[0][j] = -0.25f;
+        s_space->hub_q[1][j] = 0.75f;
+        s_space->hub_edge[0] = s_space->hub_edge[1] = 0u; /* so that the table does not hold it */
+        for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) {
+            memset(s_arm->q, 0, sizeof s_arm->q);
+            s_arm->q[(j + 3u) % 7u] = 0.25;
+            s_arm->q[j] = -0.25 + cases[i].part;
+            s_arm->q[(j + 1u) % 7u] += cases[i].beside;
+            for (uint16_t to = 0u; to < 2u; to++) {
+                s_move.seg_from = 1u - to;
+                s_move.seg_to = to;
+                at_node(cases[i].on ? to : KC_NODE_NONE, -1.0);
+            }
+        }
+    }
+}
+
+void test_at_the_very_bound_it_is_still_at_the_node(void)
+{
+    s_config->servo.bound = 0.125;
+    s_config->arrive_tol = 0.125;
+    for (uint32_t j = 0u; j < 7u; j++) { s_space->cand[CAND].q_seed[j] = 0.75f; }
+    for (uint32_t j = 0u; j < 7u; j++) {
+        kc_path_joints(s_space, NODE, s_arm->q);
+        s_arm->q[j] = j % 2u == 0u ? 1.0 : 0.5;
+        at_node(NODE, 1.0);
+        s_arm->q[j] += j % 2u == 0u ? 1e-9 : -1e-9;
+        double dist = 0.0;
+        (void)kc_move_node(&s_move, &parts.view, &dist);
+        TEST_ASSERT_TRUE(dist > 1.0);
+    }
+}
+
+/* ---- bounds ---- */
+
+void test_each_joint_is_bounded_by_the_smaller_bound_and_the_limits_with_their_margin(void)
+{
+    double bound[KC_JOINT_MAX], lo[KC_JOINT_MAX], hi[KC_JOINT_MAX];
+    kc_active_t *a = &parts.tables.active;
+    s_config->servo.bound = 0.375;
+    s_config->servo.margin = 0.0625;
+    for (uint32_t j = 0u; j < 7u; j++) {
+        s_space->servo_bound[j] = j < 3u ? 0.25f : 0.5f;
+        s_space->cand[CAND].q_seed[j] = 0.5f;
+        a->arm.joint[j].q_min = j % 2u == 0u ? 0.25 : -1.0;
+        a->arm.joint[j].q_max = j % 3u == 0u ? 0.75 : 2.0;
+    }
+    kc_move_bound(a, bound);
+    kc_move_box(a, CAND, lo, hi);
+    for (uint32_t j = 0u; j < 7u; j++) {
+        const double size = j < 3u ? 0.25 : 0.375;
+        TEST_ASSERT_EQUAL_DOUBLE(size, bound[j]);
+        TEST_ASSERT_EQUAL_DOUBLE(j % 2u == 0u ? 0.3125 : 0.5 - size, lo[j]);
+        TEST_ASSERT_EQUAL_DOUBLE(j % 3u == 0u ? 0.6875 : 0.5 + size, hi[j]);
+    }
+}
+
+/* A quaternion that is not of unit length to the last bit is that of the rotation all the same. */
+void test_the_goal_is_the_pose_of_the_table(void)
+{
+    kc_cand_t *c = &s_space->cand[CAND];
+    kc_pose_t T;
+    const double h = 0.70710678118654752, want[9] = {0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0};
+    for (uint32_t i = 0u; i < 3u; i++) { c->p_m[i] = 0.25f * (float)(i + 1u); }
+    c->q_wxyz[0] = c->q_wxyz[3] = (float)(1.001 * h); /* a quarter about z */
+    c->q_wxyz[1] = c->q_wxyz[2] = 0.0f;
+    kc_move_goal(s_space, CAND, &T);
+    for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_EQUAL_DOUBLE(0.25 * (i + 1.0), T.p_m[i]); }
+    for (uint32_t i = 0u; i < 9u; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-7, want[i], T.R[i]); }
+}
+
+/* The corrected arm is at the goal there, or as near as the bound lets it; local initial poses are their seeds. */
+void test_the_joints_at_a_candidate_reach_it_or_end_at_the_bound(void)
+{
+    double q[KC_JOINT_MAX], at[KC_JOINT_MAX], seed[KC_JOINT_MAX], off[6];
+    kc_pose_t T, goal;
+    parts.learned.coef[0] = 0.1;
+    parts.learned.coef[12] = -0.08;
+    kc_path_joints(s_space, NODE, seed);
+    kc_move_goal(s_space, CAND, &goal);
+    for (uint32_t k = 0u; k < 3u; k++) {
+        s_config->servo.bound = k == 0u ? 1.5 : 0.02;
+        if (k == 2u) { s_space->cand[CAND].why |= KC_CAND_LOCAL; }
+        uint32_t n = kc_move_joints(&parts.view, CAND, 40u, q);
+        TEST_ASSERT_TRUE(k == 2u ? n == 0u : n > 1u && n <= KC_MOVE_EVALS(40u));
+        memcpy(at, q, sizeof at);
+        at[0] += 0.1;
+        at[3] -= 0.08;
+        kc_arm_fk(&parts.tables.active.arm, at, &T);
+        kc_pose_residual(&T, &goal, off);
+        double far = 0.0, off_m = sqrt(off[0] * off[0] + off[1] * off[1] + off[2] * off[2]);
+        for (uint32_t j = 0u; j < 7u; j++) { far = fmax(far, fabs(q[j] - seed[j])); }
+        TEST_ASSERT_EQUAL_INT(k == 0u, off_m <= s_config->servo.tol_pos_m);
+        if (k > 0u) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, k == 1u ? 0.02 : 0.0, far); }
+    }
+}
+
 /* ---- stops ---- */
 
 static const uint8_t STOP[KC_STOP_MAX] = {50u, 100u, 150u, 200u};
@@ -405,12 +539,16 @@ static void expect_stops(uint32_t n, const uint8_t *stop)
     for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, s_move.q_final[j], s_arm->q[j]); }
 }
 
+/* Before, the arm was on another move. */
 static void given_stops(uint32_t stops_max)
 {
     setUp();
     s_config->stops_max = stops_max;
     s_space->n_stop = KC_STOP_MAX;
     memcpy(s_space->stop[CAND], STOP, sizeof STOP);
+    s_move.i_stop = 3u;
+    s_move.i_path = 2u;
+    s_move.to_stop = true;
 }
 
 void test_stops_are_made_evenly_those_that_are_allowed(void)

@@ -238,3 +238,26 @@ void test_an_observation_left_out_beforehand_is_an_outlier_whatever_its_residual
     TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
     TEST_ASSERT_TRUE(s_est.noise_scale > 2.0);
 }
+
+/* How improbable the worst pose is times how many were tested, counted anew for each fit: with the limit just above
+ * that of the second wrong pose both go, just below it one stays. */
+void test_poses_tested_are_counted_anew_after_each_rejection(void)
+{
+    for (uint32_t k = 0u; k < 2u; k++) {
+        double least = 0.0;
+        for (uint32_t both = 0u; both < 2u; both++) {
+            given_session(&s_est, &s_arm, &s_terms, s_truth, 20u, 1.0);
+            s_est.obs[3].p_m[0] += 0.2;
+            s_est.obs[12].p_m[1] += 0.0035;
+            s_est.without = both == 0u ? 4u : 0u;
+            s_est.opt.outlier_p = both == 0u ? 1e-300 : (k == 0u ? 1.3 : 0.8) * least;
+            TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+            if (both == 0u) {
+                least = s_est.job.p_worst * (double)s_est.job.n_tested;
+                TEST_ASSERT_TRUE(least > 1e-20 && least < 1e-3 && s_est.job.worst == 12u);
+            }
+        }
+        TEST_ASSERT_EQUAL_UINT32(k == 0u ? 2u : 1u, s_est.n_outliers);
+        TEST_ASSERT_EQUAL_UINT8(k == 0u ? 1u : 0u, s_est.outlier[12]);
+    }
+}

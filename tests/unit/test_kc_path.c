@@ -71,6 +71,29 @@ void test_the_longest_path_fits(void)
     TEST_ASSERT_EQUAL_UINT16(NODE(15u), s_path[KC_HUB_MAX]);
 }
 
+/* From every hub of a chain to every other, back to hub 0 as well. */
+void test_a_chain_is_followed_in_both_directions(void)
+{
+    given_chain(&s_s, 6u);
+    for (uint32_t from = 0u; from < 6u; from++) {
+        for (uint32_t to = 0u; to < 6u; to++) {
+            uint16_t want[KC_PATH_MAX];
+            uint32_t n = 0u;
+            for (uint32_t h = from; h != to; n++) {
+                h = from < to ? h + 1u : h - 1u;
+                want[n] = (uint16_t)h;
+            }
+            expect_path(from, to, want, n);
+            if (from != to) {
+                memmove(&want[1], want, n * sizeof want[0]);
+                want[0] = (uint16_t)from;
+                want[n + 1u] = (uint16_t)NODE(to);
+                expect_path(NODE(from), NODE(to), want, n + 2u);
+            }
+        }
+    }
+}
+
 void test_the_shortest_path_over_hubs_is_taken_lowest_index_first(void)
 {
     /* a ring 0-1-2-3-0: from 0 to 2 both paths are as long */
@@ -247,6 +270,25 @@ void test_a_place_on_a_verified_segment_is_known_from_both_ends(void)
         q[2] += 0.01;
         TEST_ASSERT_FALSE(kc_path_on(&s_s, pair[k][0], pair[k][1], q, 1e-3));
         TEST_ASSERT_FALSE(kc_path_leads_to(&s_s, pair[k][0], q, 1e-3));
+    }
+}
+
+/* Beyond an end in the direction of the segment, and beside it at the end. */
+void test_a_place_beyond_the_ends_of_a_segment_is_not_on_it(void)
+{
+    static const double part[] = {-0.2, -0.03, 0.0, 0.5, 1.0, 1.03, 1.2};
+    double q[KC_JOINT_MAX];
+    for (uint32_t k = 0u; k < sizeof part / sizeof part[0]; k++) {
+        const bool on = part[k] >= 0.0 && part[k] <= 1.0;
+        part_between(0u, 1u, part[k], q); /* joint 4 moves by 1 rad */
+        TEST_ASSERT_EQUAL_INT(on, kc_path_on(&s_s, 0u, 1u, q, 0.02));
+        TEST_ASSERT_EQUAL_INT(on, kc_path_on(&s_s, 1u, 0u, q, 0.02));
+        TEST_ASSERT_TRUE(kc_path_on(&s_s, 0u, 1u, q, 0.21));
+        TEST_ASSERT_EQUAL_UINT32(on ? 0u : KC_NODE_NONE, kc_path_on_segment(&s_s, q, 0.02));
+        q[6] += 0.019;
+        TEST_ASSERT_EQUAL_INT(on, kc_path_on(&s_s, 0u, 1u, q, 0.02));
+        q[6] += 0.002;
+        TEST_ASSERT_FALSE(kc_path_on(&s_s, 0u, 1u, q, 0.02));
     }
 }
 

@@ -211,6 +211,32 @@ void test_a_reserve_pose_is_not_taken_while_others_may_still_determine_the_coeff
     TEST_ASSERT_EQUAL_UINT32(12u, cand);
 }
 
+/* What stands in the table behind its initial poses is none of them. */
+void test_initial_poses_beyond_their_number_are_not_looked_at(void)
+{
+    static uint8_t eligible[KC_CAND_MAX];
+    given(4u, 0u, 5u);
+    s_space.n_initial = 2u; /* of four local ones */
+    s_config.initial_design = KC_INITIAL_INFORMATION;
+    kc_plan_start(&s_plan, &s_space, &s_config, 5u);
+    measure(next());
+    TEST_ASSERT_TRUE(kc_plan_local(&s_plan, &s_space, eligible));
+    TEST_ASSERT_EQUAL_UINT8(1u, eligible[11]);
+    TEST_ASSERT_EQUAL_UINT8(0u, eligible[12]);
+    kc_plan_begin(&s_plan, &s_space, 12u);
+    kc_plan_leave(&s_plan, &s_space, false);
+    TEST_ASSERT_EQUAL_HEX32(0x3u, s_plan.begun);
+    s_config.initial_design = KC_INITIAL_TABLE;
+    kc_plan_start(&s_plan, &s_space, &s_config, 5u);
+    TEST_ASSERT_EQUAL_UINT32(7u, s_plan.n_goal);
+    TEST_ASSERT_EQUAL_UINT32(10u, next());
+    TEST_ASSERT_EQUAL_UINT32(11u, next());
+    TEST_ASSERT_TRUE(kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* none is left */
+    TEST_ASSERT_EQUAL_UINT32(999u, next());
+    kc_plan_after_local(&s_plan, &s_space, true, eligible);
+    for (uint32_t c = 0u; c < KC_CAND_MAX; c++) { TEST_ASSERT_EQUAL_UINT8(0u, eligible[c]); }
+}
+
 /* ---- initial design by information ---- */
 
 static uint8_t s_eligible[KC_CAND_MAX];

@@ -60,7 +60,7 @@ static uint32_t proposed_in(uint64_t work_of_step)
 
 static void proposed(void) { (void)proposed_in(UINT64_MAX); }
 
-static void given_chain(void)
+static void given_camera_chain(void)
 {
     s_camera->mast_sigma_m = s_camera->zero_sigma_rad = 0.002;
     s_camera->plate_sigma_m = 0.001;
@@ -233,7 +233,7 @@ void test_an_exact_camera_leaves_the_predicted_error_of_the_noise(void)
 /* Against the camera, which is off with what it sees, an error of its place counts less than in the base frame. */
 void test_the_predicted_error_is_that_of_the_frame_of_config(void)
 {
-    given_chain();
+    given_camera_chain();
     for (uint8_t frame = 0u; frame < 2u; frame++) {
         s_config->frame = frame;
         proposed();
@@ -250,7 +250,7 @@ void test_the_predicted_error_is_that_of_the_frame_of_config(void)
 
 void test_sigma_and_covariance_hold_the_camera_chain(void)
 {
-    given_chain();
+    given_camera_chain();
     proposed();
     expect_sigma_of_covariance();
     TEST_ASSERT_TRUE(s_p->kin.sigma[24] > 1.05 * s_est->sigma[24]);
@@ -264,7 +264,7 @@ void test_what_the_camera_chain_explains_is_not_counted_as_noise_too(void)
     proposed();
     double p_exact = s_p->p_fit, noise_exact = s_p->noise_scale;
     TEST_ASSERT_TRUE(p_exact < 1e-4);
-    given_chain();
+    given_camera_chain();
     s_camera->zero_sigma_rad = 0.02;
     proposed();
     TEST_ASSERT_TRUE(s_p->p_fit > 100.0 * p_exact);
@@ -279,7 +279,7 @@ void test_whether_a_change_is_needed_depends_on_the_frame(void)
     estimated(0.0, 0.5, 0.01);
     for (uint32_t i = 0u; i < 3u; i++) {
         s_config->frame = (uint8_t)(i == 0u ? KC_RIGHT_IN_CAMERA : KC_RIGHT_IN_LANDER);
-        given_chain();
+        given_camera_chain();
         s_camera->zero_sigma_rad = i == 2u ? 1e-5 : 0.01; /* and not, if it may not */
         s_camera->mast_sigma_m = i == 2u ? 0.0 : 0.002;
         proposed();
@@ -289,7 +289,7 @@ void test_whether_a_change_is_needed_depends_on_the_frame(void)
 
 void test_without_a_solution_the_camera_chain_has_no_part(void)
 {
-    given_chain();
+    given_camera_chain();
     parts.learned.status = KC_ERR_NUM;
     proposed();
     TEST_ASSERT_EQUAL_DOUBLE(s_p->pred_noise_pos_m, s_p->pred_lander_pos_m);
@@ -308,7 +308,7 @@ void test_a_required_accuracy_that_the_camera_chain_keeps_away_is_reported(void)
         {0.9, 0.9, KC_ENDED_POSES, {true, true}},         {1.1, 0.9, KC_ENDED_TIME, {false, true}},
         {0.9, 1.1, KC_ENDED_POSES, {true, false}},        {0.0, 0.0, KC_ENDED_POSES, {false, false}},
         {0.9, 0.9, KC_ENDED_REQUIREMENT, {false, false}}, {0.9, 0.9, KC_ENDED_NO_CHANGE, {false, false}}};
-    given_chain();
+    given_camera_chain();
     proposed();
     const kc_residual_t chain = s_evaluated.chain;
     TEST_ASSERT_TRUE(chain.pos_m > 0.0 && chain.rot_rad > 0.0);

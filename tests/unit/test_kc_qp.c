@@ -4,6 +4,7 @@
 
 #include "kc_qp.h"
 #include "kc_qp_priv.h"
+#include "kc_rng.h"
 #include "unity.h"
 
 static kc_qp_t s_qp;
@@ -858,5 +859,117 @@ void test_every_size_is_solved(void)
         for (uint32_t i = 0u; i < n; i++) {
             TEST_ASSERT_DOUBLE_WITHIN(1e-14, -s_qp.g[i] - sum / (1.0 + (double)n), s_qp.x[i]);
         }
+    }
+}
+
+/* ---- random problems: what has to hold whatever their numbers ---- */
+
+/* H = A'A of this rank plus a diagonal; bounds of which some hold at the solution. */
+static void given_random(uint32_t n, uint32_t rank, double scale, uint64_t seed)
+{
+    static double A[KC_COEF_MAX][KC_COEF_MAX];
+    uint64_t rng = seed;
+    given(n);
+    for (uint32_t i = 0u; i < rank; i++) {
+        for (uint32_t j = 0u; j < n; j++) { A[i][j] = 2.0 * kc_rng_uniform(&rng) - 1.0; }
+    }
+    for (uint32_t i = 0u; i < n; i++) {
+        for (uint32_t j = 0u; j < n; j++) {
+            for (uint32_t k = 0u; k < rank; k++) { *H(i, j) += scale * A[k][i] * A[k][j]; }
+        }
+        s_qp.g[i] = scale * (2.0 * kc_rng_uniform(&rng) - 1.0);
+        s_qp.lb[i] = -0.05 - 0.5 * kc_rng_uniform(&rng);
+        s_qp.ub[i] = 0.05 + 0.5 * kc_rng_uniform(&rng);
+        s_qp.x[i] = 0.04 * kc_rng_uniform(&rng);
+    }
+}
+
+static double gradient_at(const double *x, uint32_t i)
+{
+    double sum = s_qp.g[i];
+    for (uint32_t j = 0u; j < s_qp.n; j++) { sum += *H(i, j) * x[j]; }
+    return sum;
+}
+
+void test_after_every_step_of_newtons_method_the_gradient_is_that_at_x(void)
+{
+    uint32_t n_bent = 0u;
+    for (uint32_t seed = 1u; seed < 60u; seed++) {
+        const uint32_t n = 2u + seed % 9u;
+        given_random(n, n + 2u, 1.0, seed);
+        kc_qp_begin(&s_qp);
+        for (uint32_t k = 0u; k < 8u && kc_qp_newton_step(&s_qp); k++) {
+            n_bent += s_qp.at_minimum ? 0u : 1u;
+            for (uint32_t i = 0u; i < n; i++) {
+                TEST_ASSERT_TRUE(s_qp.x[i] >= s_qp.lb[i] && s_qp.x[i] <= s_qp.ub[i]);
+                if (s_qp.active[i] != KC_QP_FREE && !s_qp.at_minimum) { continue; }
+                TEST_ASSERT_DOUBLE_WITHIN(1e-12, gradient_at(s_qp.x, i), s_qp.grad[i]);
+            }
+        }
+    }
+    TEST_ASSERT_TRUE(n_bent > 30u);
+}
+
+/* In other units of the cost the solution is the same, that of singular problems too. */
+void test_the_solution_does_not_depend_on_the_unit_of_the_cost(void)
+{
+    static const double scale[] = {1e-9, 1e-6, 1e6, 1e9};
+    for (uint32_t seed = 1u; seed < 40u; seed++) {
+        const uint32_t n = 3u + seed % 8u, rank = seed % 2u == 0u ? n + 1u : n - 1u - seed % 2u;
+        double x[KC_COEF_MAX];
+        given_random(n, rank, 1.0, seed);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+        memcpy(x, s_qp.x, sizeof x);
+        for (uint32_t k = 0u; k < 4u; k++) {
+            given_random(n, rank, scale[k], seed);
+            TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+            for (uint32_t i = 0u; i < n; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-6, x[i], s_qp.x[i]); }
+        }
+    }
+}
+
+/* Rows, columns, bounds and a start that a larger problem has left. */
+void test_what_lies_beyond_its_variables_plays_no_part(void)
+{
+    static kc_qp_t clean;
+    for (uint32_t n = 1u; n < 12u; n++) {
+        given_random(n, n + 1u, 1.0, n);
+        (void)kc_qp_solve(&s_qp);
+        clean = s_qp;
+        given_random(n, n + 1u, 1.0, n);
+        for (uint32_t i = 0u; i < KC_COEF_MAX; i++) {
+            for (uint32_t j = 0u; j < KC_COEF_MAX; j++) {
+                if (i >= n || j >= n) { *H(i, j) = 7.0; }
+            }
+            if (i < n) { continue; }
+            s_qp.g[i] = 50.0;
+            s_qp.x[i] = 3.0;
+            s_qp.lb[i] = -9.0;
+            s_qp.ub[i] = 8.0;
+            s_qp.active[i] = KC_QP_FREE;
+        }
+        TEST_ASSERT_EQUAL_INT(clean.status, kc_qp_solve(&s_qp));
+        TEST_ASSERT_EQUAL_UINT32(clean.iters, s_qp.iters);
+        TEST_ASSERT_EQUAL_MEMORY(clean.x, s_qp.x, n * sizeof clean.x[0]);
+        TEST_ASSERT_EQUAL_MEMORY(clean.grad, s_qp.grad, n * sizeof clean.grad[0]);
+        TEST_ASSERT_EQUAL_MEMORY(clean.active, s_qp.active, n);
+        TEST_ASSERT_EQUAL_DOUBLE(clean.kkt, s_qp.kkt);
+        for (uint32_t i = n; i < KC_COEF_MAX; i++) { TEST_ASSERT_EQUAL_DOUBLE(3.0, s_qp.x[i]); }
+    }
+}
+
+/* g and three terms of 1 in each component: 4e-14 of gradient is rounding, whatever the signs. */
+void test_rounding_is_a_part_of_all_terms_whatever_their_signs(void)
+{
+    for (uint32_t signs = 0u; signs < 8u; signs++) {
+        given(3u);
+        for (uint32_t i = 0u; i < 3u; i++) {
+            for (uint32_t j = 0u; j < 3u; j++) { *H(i, j) = (signs & 1u) != 0u && i != j ? -1.0 : 1.0; }
+            s_qp.g[i] = (signs & 2u) != 0u ? -1.0 : 1.0;
+            s_qp.x[i] = (signs & 4u) != 0u ? -1.0 : 1.0;
+        }
+        s_qp.g_max = s_qp.H_max = 1.0;
+        TEST_ASSERT_TRUE(kc_qp_rounding(&s_qp, 3.9e-14));
+        TEST_ASSERT_FALSE(kc_qp_rounding(&s_qp, 4.1e-14));
     }
 }

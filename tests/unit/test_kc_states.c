@@ -38,10 +38,20 @@ void test_only_idle_review_armed_safe_and_store_are_outside_a_calibration(void)
 
 void test_the_states_of_the_estimate_and_the_proposal_wait_for_no_budget(void)
 {
-    TEST_ASSERT_TRUE(kc_states_estimating(KC_ST_UPDATE));
-    TEST_ASSERT_TRUE(kc_states_estimating(KC_ST_PROPOSE));
-    TEST_ASSERT_FALSE(kc_states_estimating(KC_ST_SELECT));
-    TEST_ASSERT_FALSE(kc_states_estimating(KC_ST_MEASURE));
+    static const kc_state_t estimating[] = {KC_ST_UPDATE, KC_ST_REFINE, KC_ST_LEARN, KC_ST_REPORT,
+                                            KC_ST_PROPOSE};
+    uint32_t n = 0u;
+    for (uint32_t i = 0u; i < 5u; i++) { TEST_ASSERT_TRUE(kc_states_estimating(estimating[i])); }
+    for (uint32_t s = 0u; s < KC_ST_COUNT; s++) { n += kc_states_estimating((kc_state_t)s) ? 1u : 0u; }
+    TEST_ASSERT_EQUAL_UINT32(5u, n);
+}
+
+void test_a_calibration_starts_from_idle_and_safe_alone(void)
+{
+    for (uint32_t s = 0u; s < KC_ST_COUNT; s++) {
+        bool starts = s == KC_ST_IDLE || s == KC_ST_SAFE;
+        expect((kc_state_t)s, KC_OC_START, starts ? KC_ST_SELECT : (kc_state_t)s, starts);
+    }
 }
 
 void test_an_outcome_that_a_state_does_not_have_leaves_it(void)

@@ -6,6 +6,9 @@
 #include "given_observations.h"
 #include "given_small_arm.h"
 #include "given_tables.h"
+#include "kc_chi2.h"
+#include "kc_la.h"
+#include "kc_rng.h"
 #include "kc_suspects.h"
 #include "unity.h"
 
@@ -222,4 +225,239 @@ void test_the_cost_grows_with_observations_and_fits_into_a_step(void)
     TEST_ASSERT_TRUE(six > three + three / 2u);
     s_mon.n_joints = KC_JOINT_MAX;
     TEST_ASSERT_TRUE(kc_suspects_cost(&s_mon) < KC_STEP_WORK - 500000u);
+}
+
+/* ---- by dense algebra ---- */
+
+/* x of A x = b, six of each; A is positive definite. */
+static void solve6(const double *A, const double *b, double *x)
+{
+    double M[6][7];
+    for (uint32_t i = 0u; i < 6u; i++) {
+        memcpy(M[i], &A[6u * i], 6u * sizeof *A);
+        M[i][6] = b[i];
+    }
+    for (uint32_t k = 0u; k < 6u; k++) {
+        for (uint32_t i = 0u; i < 6u; i++) {
+            double f = i == k ? 0.0 : M[i][k] / M[k][k];
+            for (uint32_t j = k; j < 7u; j++) { M[i][j] -= f * M[k][j]; }
+        }
+    }
+    for (uint32_t i = 0u; i < 6u; i++) { x[i] = M[i][6] / M[i][i]; }
+}
+
+static double dot(const double *a, const double *b)
+{
+    double s = 0.0;
+    for (uint32_t c = 0u; c < 6u; c++) { s += a[c] * b[c]; }
+    return s;
+}
+
+static double drawn(void) { return 2.0 * kc_rng_uniform(&s_rng) - 1.0; }
+
+/* A covariance A A' in which every error goes with every other, of about these sigmas. */
+static void drawn_cov(double A[36], double cov[36])
+{
+    for (uint32_t i = 0u; i < 36u; i++) {
+        A[i] = (i / 6u < 3u ? OBS_POS_M : OBS_ROT_RAD) * ((i % 7u == 0u ? 1.0 : 0.0) + 0.4 * drawn());
+    }
+    for (uint32_t i = 0u; i < 36u; i++) { cov[i] = dot(&A[6u * (i / 6u)], &A[6u * (i % 6u)]); }
+}
+
+/* Sums over n observations of covariance cov: what biases that move the tool by rows a[o][j] do to the residuals r. */
+#define N_DENSE 5u
+typedef struct {
+    double a[N_DENSE][KC_JOINT_MAX][6], r[N_DENSE][6], cov[N_DENSE][36], floor2[6];
+} dense_t;
+static dense_t s_d;
+
+/* Information of the biases of joints i and j together, by C^-1. */
+static double info(uint32_t i, uint32_t j)
+{
+    double y[6], s = 0.0;
+    for (uint32_t o = 0u; o < N_DENSE; o++) {
+        solve6(s_d.cov[o], s_d.a[o][j], y);
+        s += dot(s_d.a[o][i], y);
+    }
+    return s;
+}
+
+/* Variance of the gradient: an error of the floor's size in each observation pulls by y = C^-1 a; those of all
+ * observations act together. */
+static double var_of(uint32_t j)
+{
+    double together = 0.0, apart = 0.0;
+    for (uint32_t o = 0u; o < N_DENSE; o++) {
+        double y[6], s2 = 0.0;
+        solve6(s_d.cov[o], s_d.a[o][j], y);
+        for (uint32_t c = 0u; c < 6u; c++) { s2 += y[c] * y[c] * s_d.floor2[c]; }
+        together += sqrt(s2);
+        apart += s2;
+    }
+    return info(j, j) + together * together - apart;
+}
+
+static double gradient(uint32_t j)
+{
+    double y[6], s = 0.0;
+    for (uint32_t o = 0u; o < N_DENSE; o++) {
+        solve6(s_d.cov[o], s_d.r[o], y);
+        s += dot(s_d.a[o][j], y);
+    }
+    return s;
+}
+
+static void given_floor(double part)
+{
+    kc_monitor_init(&s_mon, &s_arm, part * OBS_POS_M, part * OBS_ROT_RAD);
+    memcpy(s_d.floor2, s_mon.floor2, sizeof s_d.floor2);
+}
+
+/* Exact observations of an arm whose joints stand s_bias beyond their readings; rows where they stand. */
+static void observe_exactly(void)
+{
+    for (uint32_t o = 0u; o < N_DENSE; o++) {
+        double q[KC_JOINT_MAX] = {0.0}, at[KC_JOINT_MAX], A[36];
+        kc_loads_t loads;
+        kc_ctx_t ctx;
+        given_joints(&s_arm, &s_rng, q);
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { at[j] = q[j] + s_bias[j]; }
+        given_one_observation(&s_arm, &s_terms, s_coef, at, 0.0, &s_rng, &s_obs);
+        drawn_cov(A, s_obs.cov);
+        memcpy(s_d.cov[o], s_obs.cov, sizeof s_obs.cov);
+        ctx = s_obs.ctx;
+        memcpy(s_obs.ctx.q, q, sizeof q);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
+        kc_model_loads(&s_arm, &s_terms, s_coef, &ctx, &loads);
+        kc_model_eval(&s_arm, &s_terms, s_coef, &ctx, &loads, false, &s_work);
+        memcpy(s_d.a[o], s_work.Jq, sizeof s_work.Jq);
+    }
+}
+
+void test_sigmas_are_those_of_least_squares_with_what_all_observations_share(void)
+{
+    for (uint32_t k = 0u; k < 14u; k++) {
+        const uint32_t a = k % 7u, b = (a + 1u + k / 3u % 6u) % 7u;
+        const bool two = k < 7u;
+        setUp();
+        given_floor(0.15 * (double)(k % 4u));
+        s_bias[a] = 0.3;
+        s_bias[b] = two ? -0.2 : 0.0;
+        s_rng = 20u + k;
+        observe_exactly();
+        weigh(N_DENSE);
+        TEST_ASSERT_EQUAL_HEX32(1u << a | (two ? 1u << b : 0u), s_s.joints);
+        const double kept = two ? 1.0 - info(a, b) * info(a, b) / (info(a, a) * info(b, b)) : 1.0;
+        for (uint32_t j = 0u; j < 7u; j++) {
+            const bool named = j == a || (two && j == b);
+            const double sigma = named ? sqrt(var_of(j) / kept) / info(j, j) : 0.0;
+            TEST_ASSERT_DOUBLE_WITHIN(1e-5 * sigma, sigma, s_s.sigma[j]);
+            TEST_ASSERT_DOUBLE_WITHIN(2e-6, named ? s_bias[j] : 0.0, s_s.bias[j]);
+        }
+    }
+}
+
+/* Sliding joints, so that all is linear; residuals that no set explains alone. */
+static void given_sliders(uint32_t n_joints)
+{
+    s_mon.n_joints = n_joints;
+    s_mon.prismatic = (1u << n_joints) - 1u;
+    memset(&s_d.a, 0, sizeof s_d.a);
+    for (uint32_t o = 0u; o < N_DENSE; o++) {
+        kc_mon_obs_t *k = &s_mon.obs[s_mon.next];
+        double A[36], u[6];
+        drawn_cov(A, s_d.cov[o]);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_whiten(s_d.cov[o], 6u, k->W));
+        for (uint32_t c = 0u; c < 6u; c++) { u[c] = drawn(); }
+        for (uint32_t c = 0u; c < 6u; c++) { s_d.r[o][c] = dot(&A[6u * c], u); }
+        for (uint32_t j = 0u; j < n_joints; j++) {
+            for (uint32_t c = 0u; c < 3u; c++) { s_d.a[o][j][c] = drawn(); }
+        }
+        for (uint32_t c = 0u; c < 3u; c++) {
+            s_d.r[o][c] += 0.0006 * s_d.a[o][0][c] - 0.0006 * s_d.a[o][1][c];
+        }
+        memcpy(k->r, s_d.r[o], sizeof k->r);
+        memcpy(k->Jq, s_d.a[o], sizeof k->Jq);
+        s_mon.next = (s_mon.next + 1u) % KC_MON_OBS_MAX;
+        s_mon.n++;
+    }
+}
+
+/* Weight of every set as kc_suspects.h says, from normal equations. */
+static double dense_chances(uint32_t n_joints, double *chance)
+{
+    double log_w[KC_JOINT_MAX][KC_JOINT_MAX], trusted = 1.0, sum = 0.0, chi2 = 0.0, y[6];
+    bool plausible[KC_JOINT_MAX][KC_JOINT_MAX];
+    for (uint32_t o = 0u; o < N_DENSE; o++) {
+        solve6(s_d.cov[o], s_d.r[o], y);
+        chi2 += dot(s_d.r[o], y);
+    }
+    for (uint32_t pass = 0u; pass < 2u; pass++) {
+        for (uint32_t j = 0u; j < n_joints; j++) {
+            for (uint32_t i = 0u; i <= j; i++) {
+                const double n = i == j ? 1.0 : 2.0, a = info(j, j), b = info(i, i), ab = info(i, j);
+                const double g = gradient(j), h = gradient(i), det = i == j ? a : a * b - ab * ab;
+                const double gain = i == j ? g * g / a : (b * g * g - 2.0 * ab * g * h + a * h * h) / det;
+                plausible[j][i] = kc_chi2_sf(chi2 - gain, 6u * N_DENSE - (i == j ? 1u : 2u)) >= KC_MON_P_REST;
+                if (pass == 0u && plausible[j][i]) {
+                    trusted = fmin(trusted, fmin(a / var_of(j), b / var_of(i)));
+                }
+                log_w[j][i] = -0.5 * trusted * (chi2 - gain) + (n - 1.0) * log(KC_SUSPECT_ODDS) +
+                              n * log(sqrt(2.0 * 3.14159265358979323846) / (2.0 * KC_SUSPECT_BIAS)) -
+                              0.5 * log(pow(trusted, n) * det);
+            }
+        }
+    }
+    memset(chance, 0, KC_JOINT_MAX * sizeof *chance);
+    for (uint32_t j = 0u; j < n_joints; j++) {
+        for (uint32_t i = 0u; i <= j; i++) {
+            double w = plausible[j][i] ? exp(log_w[j][i] - log_w[0][0]) : 0.0;
+            sum += w;
+            chance[j] += w;
+            chance[i] += i == j ? 0.0 : w;
+        }
+    }
+    for (uint32_t j = 0u; j < n_joints; j++) { chance[j] /= sum; }
+    return trusted;
+}
+
+void test_chances_are_those_of_the_integrated_likelihoods(void)
+{
+    uint32_t n_open = 0u;
+    for (uint32_t k = 0u; k < 40u; k++) {
+        double chance[KC_JOINT_MAX];
+        const uint32_t n_joints = 2u + k % 4u;
+        setUp();
+        given_floor(k % 2u == 0u ? 0.0 : 0.2);
+        s_rng = 100u + k;
+        given_sliders(n_joints);
+        weigh(N_DENSE);
+        double trusted = dense_chances(n_joints, chance);
+        TEST_ASSERT_TRUE(k % 2u == 0u ? trusted == 1.0 : trusted < 0.9);
+        uint32_t suspects = 0u;
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-7, j < n_joints ? chance[j] : 0.0, s_s.chance[j]);
+            n_open += s_s.chance[j] > 0.02 && s_s.chance[j] < 0.98;
+            suspects |= (j < n_joints && chance[j] >= KC_SUSPECT_MIN ? 1u : 0u) << j;
+        }
+        TEST_ASSERT_EQUAL_HEX32(suspects, s_s.suspects);
+    }
+    TEST_ASSERT_TRUE(n_open > 40u);
+}
+
+/* A bias is sought up to 1.6 m or rad. */
+void test_a_bias_ends_at_its_limit(void)
+{
+    for (int32_t sign = -1; sign < 2; sign += 2) {
+        setUp();
+        given_floor(0.0);
+        given_sliders(1u);
+        for (uint32_t o = 0u; o < N_DENSE; o++) {
+            kc_mon_obs_t *k = &s_mon.obs[o];
+            for (uint32_t c = 0u; c < 6u; c++) { k->r[c] = 1.6001 * sign * k->Jq[0][c]; }
+        }
+        weigh(N_DENSE);
+        TEST_ASSERT_EQUAL_HEX32(1u, s_s.joints);
+        TEST_ASSERT_EQUAL_DOUBLE(sign * KC_SUSPECT_BIAS, s_s.bias[0]);
+    }
 }

@@ -317,6 +317,29 @@ void test_a_chunk_that_does_not_continue_the_image_drops_it(void)
     }
 }
 
+void test_a_chunk_ends_within_the_image_wherever_it_begins(void)
+{
+    static const uint32_t cases[][4] = {/* total, at, n, fits */
+                                        {1000u, 0u, 1000u, 1u}, {1000u, 0u, 1001u, 0u}, {1u, 0u, 1u, 1u},
+                                        {1u, 0u, 2u, 0u},       {1024u, 0u, 1024u, 1u}, {0u, 0u, 1u, 0u},
+                                        {3000u, 1024u, 1u, 1u}, {1024u, 1024u, 1u, 0u}};
+    for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) {
+        const uint32_t *c = cases[i];
+        given_first_chunk();
+        const kc_status_t st = kc_tbl_chunk(&s_t, KC_TBL_SPACE, c[0], c[1], s_image, c[2], &s_ev);
+        TEST_ASSERT_EQUAL_INT(c[3] != 0u ? KC_OK : KC_ERR_FORMAT, st);
+        TEST_ASSERT_EQUAL_UINT32(c[3] != 0u ? c[1] + c[2] : 0u, s_t.staging.n);
+    }
+    /* the second and last chunk: one byte too many */
+    for (uint32_t more = 0u; more < 2u; more++) {
+        forget_events();
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 1100u, 0u, s_image, 1024u, &s_ev));
+        const kc_status_t st = kc_tbl_chunk(&s_t, KC_TBL_SPACE, 1100u, 1024u, s_image, 76u + more, &s_ev);
+        TEST_ASSERT_EQUAL_INT(more == 0u ? KC_OK : KC_ERR_FORMAT, st);
+        TEST_ASSERT_EQUAL_INT(more == 0u ? KC_STAGE_COMPLETE : KC_STAGE_NONE, s_t.staging.state);
+    }
+}
+
 void test_a_repeated_chunk_drops_the_image(void)
 {
     given_first_chunk();
@@ -430,6 +453,13 @@ void test_each_kind_has_a_layout_version_of_its_own(void)
     }
     TEST_ASSERT_EQUAL_UINT16(0, kc_layout_version(0));
     TEST_ASSERT_EQUAL_UINT16(0, kc_layout_version(KC_TBL_COUNT));
+    /* As docs/INTERFACES.md has them: images of before are told apart. */
+    static const uint16_t version[KC_TBL_COUNT] = {
+        [KC_TBL_ARM] = 1u,   [KC_TBL_CAMERA] = 2u, [KC_TBL_TERMS] = 1u, [KC_TBL_KIN] = 1u,
+        [KC_TBL_SPACE] = 2u, [KC_TBL_KERNEL] = 1u, [KC_TBL_CONFIG] = 2u};
+    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
+        TEST_ASSERT_EQUAL_UINT16(version[kind], kc_layout_version(kind));
+    }
     /* Corrections that are stored on board today have to load in every later version of flight. */
     TEST_ASSERT_EQUAL_UINT16(1, kc_layout_version(KC_TBL_KIN));
 }
@@ -839,6 +869,18 @@ void test_another_arm_drops_space_and_correction(void)
     TEST_ASSERT_EQUAL_INT32(KC_TBL_KIN, s_ev.e[3].index);
 }
 
+/* Neither terms nor a space nor a correction have been there. */
+void test_another_arm_drops_nothing_that_is_not_there(void)
+{
+    given_active(KC_TBL_ARM);
+    given_another_arm(6u);
+    bring_in(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_ev.n); /* staged, activated */
+    for (uint16_t kind = KC_TBL_ARM + 1u; kind < KC_TBL_COUNT; kind++) {
+        TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.crc[kind]);
+    }
+}
+
 void test_the_same_arm_again_drops_nothing(void)
 {
     given_all_active();
@@ -877,6 +919,8 @@ void test_other_terms_drop_the_correction_and_its_previous_one(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, s_t.active.kin.value[0]);
     TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.kin.arm_crc);
     TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.kin_prev_crc);
+    static const kc_kin_t none;
+    TEST_ASSERT_EQUAL_MEMORY(&none, &s_t.active.kin_prev, sizeof none);
     expect_event(KC_EVT_TBL_DROPPED, KC_TBL_KIN, (double)s_before.active.crc[KC_TBL_TERMS],
                  (double)s_t.active.crc[KC_TBL_TERMS]);
 }

@@ -48,6 +48,43 @@ void test_nothing_of_what_was_there_before_gets_into_a_coefficient(void)
     TEST_ASSERT_EQUAL_MEMORY(clean.term, s_t.term, 28u * sizeof clean.term[0]);
 }
 
+void test_an_arm_of_as_many_joints_as_there_may_be_gets_its_terms(void)
+{
+    for (uint32_t n = 0u; n <= KC_JOINT_MAX; n++) {
+        memset(&s_t, 0, sizeof s_t);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_add_dh(&s_t, n, BOUND));
+        TEST_ASSERT_EQUAL_UINT32(4u * n, s_t.n_coef);
+        TEST_ASSERT_EQUAL_UINT32(4u * n, s_t.n_term);
+    }
+    s_t.n_coef = KC_COEF_MAX - 28u; /* as many as are left */
+    s_t.n_term = KC_TERM_MAX - 28u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_add_dh(&s_t, 7u, BOUND));
+    TEST_ASSERT_EQUAL_UINT32(KC_COEF_MAX, s_t.n_coef);
+    TEST_ASSERT_EQUAL_UINT32(KC_TERM_MAX, s_t.n_term);
+}
+
+/* Of every coefficient and every term, first and last. */
+void test_each_entry_is_checked(void)
+{
+    for (uint32_t k = 0u; k < 28u; k++) {
+        int32_t index = -9;
+        double got = 0.0;
+        setUp();
+        s_t.coef[k].scale = -1.0;
+        TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_terms_validate(&s_t, 7u, &index, &got));
+        TEST_ASSERT_EQUAL_INT32((int32_t)k, index);
+        setUp();
+        s_t.term[k].comp = KC_RZ + 1u;
+        TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_terms_validate(&s_t, 7u, &index, &got));
+        TEST_ASSERT_EQUAL_INT32(KC_TERMS_INDEX_TERM + (int32_t)k, index);
+        setUp();
+        s_t.n_coef = s_t.n_term = k; /* what lies beyond them is not */
+        s_t.coef[k].scale = -1.0;
+        s_t.term[k].comp = KC_RZ + 1u;
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got));
+    }
+}
+
 void test_what_add_dh_makes_is_valid(void)
 {
     int32_t index = -9;
