@@ -98,7 +98,24 @@ def test_a_table_is_sent_read_back_and_compared(served, folder):
     assert found["n"] == 1
     assert [c["text"] for c in found["grid"]["rows"][0]] == ["n_poses", "12", "20"]
     lines = journal.read(journal.place(None, key_file)).entries
-    assert [(e.decision, e.crc) for e in lines] == [("attempt", crc), ("table_activate", crc)]
+    assert [(e.words, e.by, e.crc) for e in lines] == [
+        ("attempt: put the CONFIG table in force", "A", crc),
+        ("CONFIG table put in force", "A", crc),
+        ("attempt: read back the CONFIG table", "console", crc),
+        ("CONFIG table read back", "console", crc),
+    ]
+    shown = get(client, "/api/journal").json()
+    assert [e["text"] for e in shown] == [e.words for e in reversed(lines)]
+
+
+def test_a_table_that_flight_refuses_is_written_as_refused(served):
+    client, flight, key_file, _ = served
+    flight.refuse = (kcm.cmd_t.TABLE_VALIDATE,)
+    crc = {row["kind"]: row["crc"] for row in get(client, "/api/tables").json()}["CONFIG"]
+    refused = post(client, "/api/tables/CONFIG/send", number="1", by="A", why="new plan", crc=crc)
+    assert refused.status_code == 409 and "TABLE_VALIDATE refused" in refused.json()["text"]
+    last = journal.read(journal.place(None, key_file)).entries[-1]
+    assert (last.decision, last.kind) == ("refused", "CONFIG") and "TABLE_VALIDATE refused" in last.why
 
 
 def test_names_and_limits_follow_a_table_that_was_made_here_and_sent(served, folder, tmp_path):

@@ -366,12 +366,13 @@ def test_what_was_not_recorded_is_asked_of_flight_with_the_tables_in_force(tmp_p
     flight.hk.table_crc = [signed(c) for c in in_force()]
     flight.holds = {int(library("flight").constant("KC_STORE_PROPOSAL")): image.data}
     folder, n = tmp_path / "tables", iter(range(9))
+    who = decisions.Operator("A. Operator", "was not recorded", tmp_path / "review.jsonl")
     shutil.copytree(BIN, folder)
 
     def asked():
         into = tmp_path / f"into{next(n)}"
         into.mkdir()
-        return previews.asked_for(flight, decisions.on_board(flight), folder, into)
+        return previews.asked_for(flight, decisions.on_board(flight), folder, into, who)
 
     found = asked()
     assert found.crc == image.crc_text and found.corrected.against[0].startswith(NEAR)
@@ -389,6 +390,17 @@ def test_what_was_not_recorded_is_asked_of_flight_with_the_tables_in_force(tmp_p
     again = asked()
     assert "read back from flight, which the folder does not have" in again.corrected.tables
     assert again.corrected.clear == found.corrected.clear
+    written = journal.read(who.journal, signer_of(own_key_file).known).entries
+    assert [(e.words, e.crc) for e in written[:2]] == [
+        ("attempt: read back the proposed KIN table", image.crc_text),
+        ("proposed KIN table read back", image.crc_text),
+    ]
+    assert [e.words for e in written if "SPACE" in e.words] == [
+        "attempt: read back the SPACE table",
+        "refused: read back the SPACE table",
+        "attempt: read back the SPACE table",
+        "SPACE table read back",
+    ]
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])

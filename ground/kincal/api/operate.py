@@ -1,6 +1,14 @@
 """What an operator does with flight while it runs, for commands and the console."""
 
-from kincal.operate.acting import act, comment, refuse_others, refuse_several, verified
+from kincal.operate.acting import (
+    act,
+    comment,
+    read_back,
+    refuse_others,
+    refuse_several,
+    uplink,
+    verified,
+)
 from kincal.operate.coefficients import of_joints
 from kincal.operate.commands import (
     ACCEPTED,
@@ -79,6 +87,7 @@ __all__ = [
     "listen",
     "noop",
     "of_joints",
+    "read_back",
     "refuse_others",
     "refuse_several",
     "reject",
@@ -86,6 +95,7 @@ __all__ = [
     "send",
     "start",
     "unmet",
+    "uplink",
     "validate",
     "verified",
 ]

@@ -4,20 +4,23 @@ recorded: values, clearance and reach, and where all that comes from."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from kincal.flight.tables import decode_as
-from kincal.link import CommandLink, dump, unsigned32, write_image
+from kincal.flight.tables import Image, decode_as
+from kincal.link import CommandLink, unsigned32, write_image
 from kincal.review import KIN_KIND, changes
 from kincal.review.changes import Changes, Flown, KinValues
-from kincal.review.decisions import OnBoard
+from kincal.review.decisions import OnBoard, Operator
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
 
-from . import corrected
+from . import corrected, operate
 from .corrected import Corrected
 from .reviews import clearance_dict, known_or_why
+
+READ_BACK_S = 60.0
+"""Longest time for a table that flight is asked for."""
 
 # ---- a rollback
 
@@ -136,18 +139,20 @@ def asked_for(
     waits: OnBoard,
     tables_dir: Path,
     into: Path,
+    who: Operator,
     places: Sequence[Path] = (),
     description: Path | None = None,
 ) -> Asked:
     """The correction that waits on board, asked of flight. Tables of the folder that are not those in force
-    are read back; into: an empty folder where those in force are gathered."""
-    image = dump(link, "proposal")
+    are read back; into: an empty folder where those in force are gathered; who: asks, for the journal."""
+    asked = _Asks(link, who)
+    image = asked.read_back("proposal")
     if image.crc != waits.crc:
         todo = "another correction waits by now: try again"
         raise CommandFailed(f"flight sent table {image.crc_text}, {waits.crc:08x} waits", link.url, todo)
     kin, wanted = decode_as("kin", image.data, link.url)[1], corrected.in_force(waits.table_crc)
-    said, missing = _gather(link, tables_dir, wanted, into)
-    old, was = _old(link, unsigned32(kin.prev_crc), (tables_dir, *places))
+    said, missing = _gather(asked, tables_dir, wanted, into)
+    old, was = _old(asked, unsigned32(kin.prev_crc), (tables_dir, *places))
     n = int(kin.n_coef)
     values, sigmas = tuple(kin.value[0:n]), tuple(kin.sigma[0:n])
     found = changes.of_values(values, sigmas, old, *_named(into, wanted))
@@ -165,9 +170,19 @@ def asked_for(
     return Asked(image.crc_text, waits.verdict, _with_reasons(found, clear), sources, clear, why)
 
 
-def _gather(
-    link: CommandLink, tables_dir: Path, wanted: Mapping[str, int], into: Path
-) -> tuple[str, list[str]]:
+@dataclass
+class _Asks:
+    """Reads tables back from flight, each with its lines in the journal."""
+
+    link: CommandLink
+    who: Operator
+    heard: operate.Snapshot = field(default_factory=operate.Snapshot)
+
+    def read_back(self, kind: str) -> Image:
+        return operate.read_back(self.link, kind, self.who, READ_BACK_S, self.heard)
+
+
+def _gather(asked: _Asks, tables_dir: Path, wanted: Mapping[str, int], into: Path) -> tuple[str, list[str]]:
     """The tables in force in one folder: from another one if they lie there, else read back from flight.
     Where they came from, and which could not be had, in words."""
     differ = corrected.misfits(tables_dir, wanted)
@@ -178,7 +193,7 @@ def _gather(
             (into / file.name).write_bytes(file.read_bytes())
             continue
         try:
-            image = dump(link, kind)
+            image = asked.read_back(kind)
             write_image(image, into / file.name)
             came.append(f"{kind.upper()} {image.crc_text}")
         except KincalError as error:
@@ -189,17 +204,18 @@ def _gather(
     return "; ".join(said) or "no table", missing
 
 
-def _old(link: CommandLink, crc: int, places: Sequence[Path]) -> tuple[KinValues | None, str]:
+def _old(asked: _Asks, crc: int, places: Sequence[Path]) -> tuple[KinValues | None, str]:
     """The table that a proposal replaces, and where it was found; None if it replaces none."""
     if not crc:
         return KinValues(0, ()), "in force: no correction, the nominal arm"
     if (found := changes.kin_values(crc, places)) is not None:
         return found, f"in force: table {crc:08x} of {found.where}"
     try:
-        image = dump(link, "kin")
+        image = asked.read_back("kin")
         if image.crc != crc:
             return None, f"in force: table {crc:08x} is not at hand (flight sent {image.crc_text})"
     except KincalError as error:
         return None, f"in force: table {crc:08x} is not at hand ({error.what})"
-    kin = decode_as("kin", image.data, link.url)[1]
-    return KinValues(crc, tuple(kin.value[0 : kin.n_coef]), link.url), f"in force: table {crc:08x}, read back"
+    url = asked.link.url
+    kin = decode_as("kin", image.data, url)[1]
+    return KinValues(crc, tuple(kin.value[0 : kin.n_coef]), url), f"in force: table {crc:08x}, read back"

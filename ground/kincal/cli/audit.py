@@ -8,10 +8,9 @@ import click
 
 from kincal import link
 from kincal.cli.options import FILE
-from kincal.cli.review import JOURNAL
 from kincal.cli.terminal import console, say
 from kincal.cli.text import review as text
-from kincal.cli.wire import KEYS, TIMEOUT, URL
+from kincal.cli.wire import JOURNAL, KEYS, TIMEOUT, URL
 from kincal.review import journal as journals
 from kincal_shared.errors import CommandFailed
 from kincal_shared.keys import file_of, signer_of

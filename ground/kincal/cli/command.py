@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import Any, TypeVar, Unpack
 
 import click
 
 from kincal import link as links
 from kincal.cli.options import FILE, TABLES
-from kincal.cli.outputs import FILE_OUT
-from kincal.cli.review import JOURNAL, review_arm, review_go, review_reject
+from kincal.cli.review import review_arm, review_go, review_reject
 from kincal.cli.table import table_dump
 from kincal.cli.terminal import console, say
-from kincal.cli.wire import KEYS, TIMEOUT, URL
+from kincal.cli.wire import Recorded, operator, recorded
 from kincal.review import journal as journals
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import Signer, file_of, signer_of
@@ -45,33 +43,20 @@ def command() -> None:
     """
 
 
-class Given(TypedDict):
+class Given(Recorded):
     """What every command is given."""
 
-    by: str
-    why: str
-    url: str
-    key_file: Path
-    timeout_s: float
-    journal: Path | None
     as_json: bool
     dry_run: bool
 
 
 def options(function: F) -> F:
     """Options of every command."""
-    by = click.option(
-        "--by",
-        default=lambda: os.environ.get("USER", "operator"),
-        show_default="$USER",
-        help="Who commands, for the record.",
-    )
-    why = click.option("--why", default="operator's command", help="Reason, for the record.")
     dry = click.option("--dry-run", is_flag=True, help="Send nothing; name what flight would refuse.")
     as_json = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-    for option in (JOURNAL, TIMEOUT, KEYS, URL, as_json, dry, why, by):
+    for option in (as_json, dry):
         function = option(function)
-    return function
+    return recorded(function)
 
 
 @command.command("noop")
@@ -412,11 +397,11 @@ def why_no_key(key_file: Path) -> str:
 
 
 def _operator(given: Given) -> Any:
+    if click.get_current_context().info_name != "abort":
+        return operator(given)
     from kincal.review.decisions import Operator
 
     journal = journals.place(given["journal"], file_of(given["key_file"]))
-    if click.get_current_context().info_name != "abort":
-        journal = FILE_OUT.convert(journal, None, None)
     return Operator(given["by"], given["why"], journal, given["timeout_s"], lambda said: say(said, err=True))
 
 

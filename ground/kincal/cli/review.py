@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import tempfile
 from collections.abc import Callable, Sequence
@@ -17,7 +18,7 @@ from kincal.cli.outputs import FILE_OUT, PICTURE, REPORT
 from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console, say
 from kincal.cli.text import review as text
-from kincal.cli.wire import KEYS, TIMEOUT, URL
+from kincal.cli.wire import JOURNAL, KEYS, TIMEOUT, URL, operator
 from kincal.review import journal as journals
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import DEFAULT, Signer, file_of, signer_of
@@ -26,14 +27,6 @@ if TYPE_CHECKING:
     from kincal.review import Review
     from kincal.review.decisions import Operator
 
-JOURNAL = click.option(
-    "--journal",
-    type=PATH,
-    default=None,
-    show_default=f"{journals.NAME} beside the key file",
-    envvar=journals.VARIABLE,
-    help="Append-only record of decisions.",
-)
 BY = click.option("--by", required=True, help="Who decides.")
 WHY = click.option("--why", required=True, help="Reason, for the record.")
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -168,7 +161,17 @@ def review_show(
     from kincal.review.status import to_decide
 
     if live:
-        crc, file = _waiting(url, timeout_s, recordings, key_file, tables_dir, before, space, as_json)
+        who = operator(
+            {
+                "by": by or os.environ.get("USER", "operator"),
+                "why": "review show --live: its proposal was not recorded",
+                "url": url,
+                "key_file": key_file,
+                "timeout_s": timeout_s,
+                "journal": journal,
+            }
+        )
+        crc, file = _waiting(url, who, recordings, key_file, tables_dir, before, space, as_json)
     if file is None:
         raise BadInput("no log", todo="name one, or --live for what waits on board")
     read = reviews.read_journals((file,), journal, key_file)
@@ -195,7 +198,7 @@ def review_show(
 
 def _waiting(
     url: str,
-    timeout_s: float,
+    who: Operator,
     recordings: Path | None,
     key_file: Path,
     tables_dir: Path,
@@ -209,13 +212,13 @@ def _waiting(
     from kincal.review import decisions
 
     with link.Link(url, signer=_signer_or_none(key_file)) as up:
-        waits = decisions.on_board(up, timeout_s)
+        waits = decisions.on_board(up, who.timeout_s)
         if not waits.crc:
             raise CommandFailed("no correction waits on board", url, "`kincal status` shows the state")
         if (file := reviews.recorded(waits.crc, recordings)) is not None:
             return f"{waits.crc:08x}", file
         with tempfile.TemporaryDirectory() as folder:
-            found = previews.asked_for(up, waits, tables_dir, Path(folder), before, space)
+            found = previews.asked_for(up, waits, tables_dir, Path(folder), who, before, space)
     if as_json:
         click.echo(json.dumps(found.as_dict(), indent=1))
     else:

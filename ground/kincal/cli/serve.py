@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from kincal.cli.options import FILE, PATH, TABLES
-from kincal.cli.review import JOURNAL
-from kincal.cli.wire import KEYS, TIMEOUT, URL
+from kincal.cli.wire import JOURNAL, KEYS, TIMEOUT, URL
 from kincal_shared import installation
 
 if TYPE_CHECKING:

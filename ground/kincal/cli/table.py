@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Unpack
 
 import click
 
@@ -13,7 +14,7 @@ from kincal.cli.options import EXISTS, PATH
 from kincal.cli.outputs import FILE_OUT
 from kincal.cli.terminal import console
 from kincal.cli.text import table as text
-from kincal.cli.wire import KEYS, TIMEOUT, URL
+from kincal.cli.wire import Recorded, operator, recorded
 from kincal_shared.errors import KincalError
 from kincal_shared.keys import file_of, signer_of
 
@@ -141,18 +142,18 @@ def table_diff(a: Path, b: Path) -> None:
 
 @table.command("uplink")
 @click.argument("file", type=EXISTS)
-@URL
-@KEYS
-@TIMEOUT
+@recorded
 @BESIDE
-def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float, tables_dir: Path | None) -> None:
+def table_uplink(file: Path, tables_dir: Path | None, **given: Unpack[Recorded]) -> None:
     """Send a table to flight: stage, validate, activate, and see its CRC in housekeeping.
 
-    TERMS and SPACE are compared with each other before anything is sent, as by `kincal table check`.
+    TERMS and SPACE are compared with each other before anything is sent, as by `kincal table check`. The
+    attempt goes into the journal before the first byte is sent, and what came of it afterwards.
 
     \b
-    Example:
+    Examples:
         kincal table uplink tables/bin/config.tbl
+        kincal table uplink out/terms.tbl --by "A. Operator" --why "gravity sag of joint 2"
     """
     from kincal.api import operate
     from kincal.api.tables import check
@@ -160,9 +161,9 @@ def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float, tables_
     image, words = check(file, tables_dir)
     if words:
         click.echo(words)
-    with link.Link(url, signer=signer_of(file_of(key_file))) as up:
-        operate.refuse_others(up, operate.Snapshot(), "the table")
-        link.upload(up, image, timeout_s)
+    who = operator(given)
+    with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
+        operate.uplink(up, image, who, given["timeout_s"])
     click.echo(f"{image.kind} table {image.crc_text} is active")
 
 
@@ -172,17 +173,19 @@ def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float, tables_
     type=click.Choice(["arm", "camera", "terms", "kin", "space", "kernel", "config"], case_sensitive=False),
 )
 @click.argument("out", type=FILE_OUT)
-@URL
-@KEYS
-@TIMEOUT
-def table_dump(kind: str, out: Path, url: str, key_file: Path, timeout_s: float) -> None:
-    """Bring down the table that is active on board. The command is signed, so that no stranger stops it.
+@recorded
+def table_dump(kind: str, out: Path, **given: Unpack[Recorded]) -> None:
+    """Bring down the table that is active on board. The command is signed, so that no stranger stops it, and
+    goes into the journal as every other one.
 
     \b
     Example:
         kincal table dump kin out/kin.tbl
     """
-    with link.Link(url, signer=signer_of(file_of(key_file))) as down:
-        image = link.dump(down, kind, timeout_s)
+    from kincal.api import operate
+
+    who = operator(given)
+    with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as down:
+        image = operate.read_back(down, kind, who, given["timeout_s"])
     link.write_image(image, out)
     click.echo(f"{out}: {kind}, {len(image.data)} bytes, CRC {image.crc_text}")

@@ -434,6 +434,7 @@ def _line(e: journal.Entry) -> Plain:
     return {
         "time": e.time,
         "decision": e.decision,
+        "text": e.words,
         "crc": e.crc,
         "by": e.by,
         "why": e.why,

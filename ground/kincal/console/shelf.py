@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, cast
 from kincal import tables
 from kincal.api import operate
 from kincal.api.tables import check
-from kincal.link import dump, unsigned32, upload, write_image
-from kincal.operate.acting import write
+from kincal.link import unsigned32, write_image
 from kincal.pages.page import Grid
-from kincal.review import check_words, journal, parse_crc
+from kincal.review import check_words, parse_crc
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
 
 from .desk import Desk, Words
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 REVIEWED = "KIN"
 """What only a review puts in force."""
 _MOST_ROWS = 1500
+_TABLE_S = 20.0  # at least, for an answer while a table is on its way
 FOLDER, MADE, READ = "folder", "made", "read"
 """Where a table lies: in the folder of the console, made here, or read back."""
 Plain = dict[str, Any]
@@ -134,8 +134,10 @@ class Shelf:
         """Bring down the table in force."""
         desk, name = self._desk(), kind.lower()
         file = self.place(kind, READ)
+        operate.refuse_several("TABLE_DUMP", desk.picture.several(), desk.url)
+        who = desk.operator(Words("console", "read back at the console"))
         with desk.link(signed=True) as link:
-            image = dump(link, name, max(desk.timeout_s, 20.0))
+            image = operate.read_back(link, name, who, max(desk.timeout_s, _TABLE_S))
         write_image(image, file)
         desk.picture.note("info", "READ_BACK", f"{kind} table {image.crc_text}, {len(image.data)} bytes")
         return {"ok": True, "text": f"{kind} table {image.crc_text} read back"}
@@ -156,18 +158,8 @@ class Shelf:
         if image.crc_text != crc:
             raise CommandFailed(f"the file holds table {image.crc_text} now, not {crc}", str(file))
         operate.refuse_several("the table", desk.picture.several(), desk.url)
-        request, who = operate.activate(kind.lower(), image.crc), desk.operator(words)
         with desk.link(signed=True) as link:
-            signer = link.signer
-            if signer is None:
-                raise BadInput("a table has to be signed")
-            write(link, who, signer, request, journal.ATTEMPT, words.why)
-            try:
-                upload(link, image, max(desk.timeout_s, 20.0))
-            except KincalError as error:
-                write(link, who, signer, request, journal.UNANSWERED, error.what)
-                raise
-            write(link, who, signer, request, request.opcode.lower(), words.why)
+            operate.uplink(link, image, desk.operator(words), max(desk.timeout_s, _TABLE_S))
         text = f"{kind} table {image.crc_text} is in force"
         desk.picture.note("info", "TABLE", f"{text}, by {words.by}: {words.why}")
         return {"ok": True, "text": text}

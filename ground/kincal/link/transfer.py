@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kincal.flight import library, tables
-from kincal_shared.errors import CommandFailed
+from kincal_shared.errors import CommandFailed, NoAnswer
 
 from . import channels
 from .connection import CommandLink, check_ack, is_ack
@@ -18,8 +18,18 @@ if TYPE_CHECKING:
 _CHUNKS_AHEAD = 4  # sent before housekeeping has to say that they have arrived
 
 
-def upload(link: CommandLink, image: tables.Image, timeout_s: float = 30.0) -> None:
-    """Stage, validate, activate a table, and see its CRC in housekeeping. CommandFailed if flight refuses or
+def _nothing() -> None:
+    """Does nothing."""
+
+
+def upload(
+    link: CommandLink,
+    image: tables.Image,
+    timeout_s: float = 30.0,
+    accepted: Callable[[], None] = _nothing,
+) -> None:
+    """Stage, validate, activate a table, and see its CRC in housekeeping. accepted: called as soon as flight
+    has taken the last command, also if the CRC is not seen. CommandFailed if flight refuses, NoAnswer if it
     does not answer in time."""
     kind = tables.kind_number(image.kind)
     link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
@@ -30,6 +40,7 @@ def upload(link: CommandLink, image: tables.Image, timeout_s: float = 30.0) -> N
             _wait_staged(link, kind, end, chunk.total_bytes, timeout_s)
     link.command("TABLE_VALIDATE", (kind, image.crc), timeout_s)
     link.command("TABLE_ACTIVATE", (kind, image.crc), timeout_s)
+    accepted()
     active = lambda hk: channels.unsigned32(hk.table_crc[kind]) == image.crc  # noqa: E731
     link.wait_hk(active, timeout_s, "the new CRC in housekeeping")
 
@@ -61,7 +72,7 @@ def _wait_staged(link: CommandLink, kind: int, end: int, total: int, timeout_s: 
 
 def dump(link: CommandLink, kind: str, timeout_s: float = 60.0) -> tables.Image:
     """Bring down the active table of a kind, checked against its CRC; kind "proposal": the KIN table that
-    waits for review. CommandFailed if flight refuses, a chunk is lost, or it takes too long."""
+    waits for review. CommandFailed if flight refuses, NoAnswer if a chunk is lost or it takes too long."""
     flight = library("flight")
     number = int(flight.constant("KC_STORE_PROPOSAL")) if kind == "proposal" else tables.kind_number(kind)
     link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
@@ -69,16 +80,18 @@ def dump(link: CommandLink, kind: str, timeout_s: float = 60.0) -> tables.Image:
     data = bytearray()
     for chunk in _received_chunks(link, seq, number, link.clock_s() + timeout_s):
         if chunk.offset != len(data):
-            raise CommandFailed(f"dump lost a chunk at byte {len(data)}", link.url, "try again")
+            raise NoAnswer(f"dump lost a chunk at byte {len(data)}", link.url, "try again")
         data += bytes(chunk.data[: chunk.n])
         if len(data) >= chunk.total_bytes:
             return tables.decode(bytes(data), link.url)[0]
-    raise CommandFailed(f"dump stopped after {len(data)} bytes", link.url, "try again")
+    raise NoAnswer(f"dump stopped after {len(data)} bytes", link.url, "try again")
 
 
 def _received_chunks(link: CommandLink, seq: int, kind: int, deadline_s: float) -> Iterator[TableChunk]:
     """Chunks of a kind until none comes in time."""
-    while (received := link.next(max(deadline_s - link.clock_s(), 0.0))) is not None:
+    while (left_s := deadline_s - link.clock_s()) > 0.0:
+        if (received := link.next(left_s)) is None:
+            return
         if is_ack(received, seq):
             check_ack(received.message, "TABLE_DUMP", link.url)
         elif received.channel == "KC_TABLE_DOWN" and received.message.kind == kind:

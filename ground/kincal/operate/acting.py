@@ -5,17 +5,24 @@ after says what came of it. ABORT is sent first and written down afterwards: not
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from kincal.link import CommandLink
+from kincal.flight import library
+from kincal.flight.tables import Image, kind_number
+from kincal.link import CommandLink, dump, upload
 from kincal.review import check_words, journal, record
 from kincal.review.decisions import Accepted, Command, Operator, signer_of
 from kincal_shared.errors import CommandFailed, KincalError, NoAnswer
 from kincal_shared.keys import Signer
 
-from .commands import ACCEPTED, DONE, END_OTHER, REFUSED, Request, Step, Tracked
+from .commands import ACCEPTED, DONE, END_OTHER, REFUSED, Request, Step, Tracked, activate
 from .sender import listen, send
 from .snapshot import SEVERAL, Snapshot
+
+if TYPE_CHECKING:
+    from kincal.link.messages import Hk
 
 Say = Callable[[Step], None]
 OTHERS_S = 1.2
@@ -54,6 +61,68 @@ def act(link: CommandLink, request: Request, who: Operator, snapshot: Snapshot, 
     return tracked
 
 
+def uplink(
+    link: CommandLink, image: Image, who: Operator, timeout_s: float, snapshot: Snapshot | None = None
+) -> None:
+    """Put a table in force, and write it down: the attempt before its first chunk is sent, then that flight
+    has taken its last command, refused one, or did not answer. BadInput and CommandFailed as for `act`;
+    timeout_s: longest wait for an answer."""
+    check_words(who.by, who.why)
+    refuse_others(link, snapshot or Snapshot(), "the table")
+    with _written(link, who, activate(image.kind.lower(), image.crc)) as taken:
+        upload(link, image, timeout_s, taken)
+
+
+def read_back(
+    link: CommandLink, kind: str, who: Operator, timeout_s: float, snapshot: Snapshot | None = None
+) -> Image:
+    """Bring down the table in force of a kind (lower case), or "proposal", and write it down as `uplink`
+    does. The lines name the CRC that housekeeping has of it."""
+    check_words(who.by, who.why)
+    refuse_others(link, snapshot or Snapshot(), "TABLE_DUMP")
+    hk = link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
+    with _written(link, who, _dumped(kind, hk)) as taken:
+        image = dump(link, kind, timeout_s)
+        taken()
+    return image
+
+
+def _dumped(kind: str, hk: Hk) -> Request:
+    if kind == "proposal":
+        return Request("TABLE_DUMP", (int(library("flight").constant("KC_STORE_PROPOSAL")), hk.proposal_crc))
+    number = kind_number(kind)
+    return Request("TABLE_DUMP", (number, hk.table_crc[number]))
+
+
+@contextmanager
+def _written(link: CommandLink, who: Operator, request: Request) -> Iterator[Callable[[], None]]:
+    """The attempt is written before anything is sent; what is given has to be called when flight has taken
+    all of it. Otherwise it is written that it was refused, or that nobody knows."""
+    signer = signer_of(link)
+    taken: list[str] = []
+    unwritten: list[KincalError] = []
+
+    def took() -> None:
+        taken.append(request.opcode)
+        try:
+            write(link, who, signer, request, request.opcode.lower(), who.why)
+        except KincalError as error:
+            unwritten.append(error)
+
+    write(link, who, signer, request, journal.ATTEMPT, who.why)
+    try:
+        yield took
+    except BaseException as error:
+        if not taken:
+            known = isinstance(error, KincalError) and not isinstance(error, NoAnswer)
+            why = str(error).splitlines()[0] if isinstance(error, KincalError) else "interrupted"
+            write(link, who, signer, request, journal.REFUSED if known else journal.UNANSWERED, why)
+        raise
+    for why_not in unwritten:
+        said = f"flight took {request.opcode}, but the journal has only the attempt: {why_not.what}"
+        raise CommandFailed(said, why_not.where, NOT_AGAIN)
+
+
 def refuse_several(what: str, several: bool, url: str) -> None:
     """CommandFailed if more than one flight is heard: each would take the command."""
     if several:
@@ -80,7 +149,8 @@ def _why(who: Operator, tracked: Tracked) -> str:
 
 def write(link: CommandLink, who: Operator, signer: Signer, request: Request, what: str, why: str) -> None:
     """A line of the journal about a command."""
-    record(who.journal, what, request.crc, who.by, why, link.url, None, signer, command=request.opcode)
+    name, kind = request.opcode, request.kind
+    record(who.journal, what, request.crc, who.by, why, link.url, None, signer, command=name, kind=kind)
 
 
 def _write_abort(link: CommandLink, who: Operator, tracked: Tracked) -> None:

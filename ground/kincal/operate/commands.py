@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from kincal.flight import event_action, event_name, library, status_name, tables
 from kincal.link import crc_text, names, unsigned32
+from kincal.review.journal import kind_text
 from kincal_shared.keys import holder
 
 from .snapshot import FRESH, SEVERAL, EventLine, Snapshot, Waiting, calibrating, event_of, utc_text
@@ -60,6 +61,12 @@ class Request:
         where = 1 if self.opcode.startswith("TABLE_") else 0
         named = self.opcode not in ("NOOP", "START", "ABORT", "TABLE_DISCARD")
         return unsigned32(self.arg_i[where]) if named and len(self.arg_i) > where else 0
+
+    @property
+    def kind(self) -> str:
+        """Kind of the table that it is about, as the journal calls it; empty if it is about none."""
+        about = self.opcode in ("TABLE_VALIDATE", "TABLE_ACTIVATE", "TABLE_DUMP")
+        return kind_text(self.arg_i[0]) if about and self.arg_i else ""
 
 
 def noop() -> Request:

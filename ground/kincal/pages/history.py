@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 from kincal.pages import theme
 from kincal.pages.page import Grid, Page, Provenance, Section
 from kincal.review.history import History, Trend, decided, utc
-from kincal.review.journal import Entry
+from kincal.review.journal import Entry, unfinished
 
 _COLUMNS = 3
 _SCALE = {"rad": (180.0 / math.pi, "°"), "m": (1e3, "mm")}
@@ -20,6 +20,10 @@ _SCALE = {"rad": (180.0 / math.pi, "°"), "m": (1e3, "mm")}
 BY_RECORDINGS = "By the recordings; who decided, by the journal."
 HEARD = "There are no recordings of this link: in force now, by housekeeping; who decided, by the journal."
 DOTS = "Dots: proposed value with 1 sigma, filled where it was put in force. Dotted: bounds."
+JOURNAL = "Newest first, by the journal: each signed command, its attempt before and what came of it after."
+OPEN = "Nothing says what came of it: the state of flight does"
+NO_LINE = "The journal has no line."
+_MOST_LINES = 500
 NO_TREND = "No correction whose TERMS table is at hand."
 
 
@@ -43,6 +47,8 @@ def page(
                 DOTS if trends else NO_TREND, trend_figure(trends) if trends else None),
         Section("monitor", "Monitor for miscalibration", "What it said of the joint that it suspects most.",
                 monitor_figure(history) if speaks else None, monitor_grid(history)),
+        Section("journal", "What was sent, decided and asked", JOURNAL if entries else NO_LINE,
+                grid=journal_grid(entries)),
     ]  # fmt: skip
     return Page("History", "Tables of the mission", about, provenance, sections)
 
@@ -58,6 +64,21 @@ def in_force(history: History, entries: Sequence[Entry]) -> Grid:
         for x in reversed(history.in_force)
     ]
     return Grid.of("<from [UTC]|<table|<CRC|<what|<who and why", rows)
+
+
+def journal_grid(entries: Sequence[Entry]) -> Grid:
+    """Lines of the journal, newest first."""
+    open_ = {id(e) for e in unfinished(entries)}
+    rows = []
+    for e in reversed(entries[-_MOST_LINES:]):
+        why = f"{e.why}; override: {e.override}" if e.override else e.why
+        if id(e) in open_:
+            why += f". {OPEN}"
+        when = e.time.replace("T", " ").replace("+00:00", "")
+        rows.append([when, e.words, e.crc, e.by, str(e.key_id or ""), why])
+    rest = len(entries) - len(rows)
+    note = f"{rest} older lines: `kincal audit log`" if rest > 0 else ""
+    return Grid.of("<UTC|<what|<CRC|<by|key|<why", rows, note)
 
 
 def trend_figure(trends: Sequence[Trend]) -> go.Figure:

@@ -288,11 +288,12 @@ def record(
     override: str = "",
     command: str = "",
     armed_key: int = 0,
+    kind: str = "",
 ) -> Entry:
     """Append one decision, which the last command of the signer carried out, or what was seen or attempted;
     review: the proposal, or an entry that has its numbers; override: why it was approved in spite of the
     reasons to reject it; command: that was attempted or refused; armed_key: that took the first step of what
-    is approved. Refuses when the journal was tampered with."""
+    is approved; kind: of the table that the command is about. Refuses when the journal was tampered with."""
     check_words(by, why)
     entry = Entry(
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -308,6 +309,7 @@ def record(
         command=command,
         armed_key=armed_key,
         against=tuple(review.against) if review else (),
+        kind=kind,
     )
     return journals.append(journal, entry, signer)
 

@@ -307,7 +307,7 @@ def _case(link: CommandLink, crc: str, who: Operator, command: str) -> _Case:
 def signer_of(link: CommandLink) -> Signer:
     """Who signs what the link sends. BadInput if nobody does: a decision could not be recorded."""
     if link.signer is None:
-        raise BadInput("a decision has to be signed", link.url, "name a key file by --keys")
+        raise BadInput("what is sent to flight has to be signed", link.url, "name a key file by --keys")
     return link.signer
 
 

@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from kincal.flight import library
+from kincal.flight import library, tables
 from kincal.link import LogSummary, crc_text
 from kincal.link.names import opcode
 from kincal_shared.errors import BadInput
@@ -47,6 +47,21 @@ END = ".end"
 """Suffix of the end mark."""
 _END_LABEL = b"KinCal journal end 1\0"
 _DECIDING = {"APPROVE_ARM": ARMED, "APPROVE_GO": APPROVED, "REJECT": REJECTED}
+_OTHERS = ("START", "ROLLBACK", "TABLE_ACTIVATE", "TABLE_DISCARD", "TABLE_DUMP")
+_WRITTEN = _DECIDING | {name: name.lower() for name in _OTHERS}
+"""The line of each command that flight has taken. An uplink has one, of its last command."""
+_TABLES = {
+    "table_validate": "staged {} checked",
+    "table_activate": "{} put in force",
+    "table_discard": "staged table dropped",
+    "table_dump": "{} read back",
+}
+_TO_TABLES = {
+    "TABLE_VALIDATE": "check the staged {}",
+    "TABLE_ACTIVATE": "put the {} in force",
+    "TABLE_DISCARD": "drop the staged table",
+    "TABLE_DUMP": "read back the {}",
+}
 
 
 @dataclass(frozen=True)
@@ -59,7 +74,8 @@ class Entry:
     with that key over all of the others, empty in journals of before. command: that was attempted or refused;
     marked: 1 if an end mark is kept from here on; armed_key: of an approval, the key that took its first
     step, as flight says; against: reasons to reject the proposal that its verdict and numbers do not show
-    (clearance), as they were seen. A line leaves these four out where they are empty."""
+    (clearance), as they were seen; kind: of the table that is sent, checked, put in force or read back. A
+    line leaves these five out where they are empty."""
 
     time: str
     decision: str
@@ -80,13 +96,23 @@ class Entry:
     marked: int = 0
     armed_key: int = 0
     against: tuple[str, ...] = ()
+    kind: str = ""
 
     def text(self) -> str:
         """The line of the journal."""
         fields = dataclasses.asdict(self)
         # lines of before they were there stay as they are
-        later = {"command", "marked", "armed_key", "against"}
+        later = {"command", "marked", "armed_key", "against", "kind"}
         return json.dumps({k: v for k, v in fields.items() if v or k not in later}, sort_keys=True)
+
+    @property
+    def words(self) -> str:
+        """What was done, or attempted, in words; the CRC and who did it are beside it."""
+        kind = f"{self.kind} table" if self.kind else "table"
+        if self.decision in SAID:
+            to = _TO_TABLES.get(self.command, "").format(kind)
+            return f"{self.decision}: {to}" if to else f"{self.decision} {self.command}".strip()
+        return _TABLES.get(self.decision, self.decision).format(kind)
 
     def mac_of(self, key: Key) -> str:
         """What `mac` has to be."""
@@ -405,7 +431,8 @@ def absent(journals: Sequence[Journal], log: LogSummary) -> list[str]:
 
 
 def _absent(journal: Journal, log: LogSummary) -> list[str]:
-    opcodes = {opcode(name): decision for name, decision in _DECIDING.items()}
+    opcodes = {opcode(name): decision for name, decision in _WRITTEN.items()}
+    of_tables = {opcode(name) for name in _WRITTEN if name.startswith("TABLE_")}
     taken = {(a.source, a.seq, a.opcode) for a in log.acks if a.status == 0}
     there = {(e.key_id, e.counter, e.decision) for e in journal.entries}
     highest = max((e.counter for e in journal.entries), default=0)
@@ -419,11 +446,24 @@ def _absent(journal: Journal, log: LogSummary) -> list[str]:
         if not any(signed_by(c, key) for key in journal.keys):
             continue
         after = "after its last line" if c.counter > highest else "between its lines"
+        named = opcodes[c.opcode]
+        if c.opcode in of_tables:
+            named = _TABLES[named].format(f"{kind_text(c.arg_i[0])} table")
+            named += f" ({crc_text(c.arg_i[1])})" if c.arg_i[1] else ""
+        elif c.opcode != opcode("START"):
+            named += f" of {crc_text(c.arg_i[0])}"
         found.append(
-            f"{opcodes[c.opcode]} of {crc_text(c.arg_i[0])} (key {c.key_id}, counter {c.counter}), which "
+            f"{named} (key {c.key_id}, counter {c.counter}), which "
             f"flight took, is not in {journal.path}: a line is gone {after}, or was never written"
         )
     return found
+
+
+def kind_text(number: int) -> str:
+    """Kind of a table as the journal calls it; number: of a command."""
+    known = {n: name.upper() for name, n in tables.kinds().items()}
+    known[int(library("flight").constant("KC_STORE_PROPOSAL"))] = "proposed KIN"
+    return known.get(number, str(number))
 
 
 def missing(journal: Journal, key: int, accepted: int) -> str:
@@ -439,7 +479,7 @@ def missing(journal: Journal, key: int, accepted: int) -> str:
 
 MISSING_TODO = (
     "bring back the copy in your records, with its .end; or name the one that is kept by --journal FILE. If "
-    "only tables were sent or read back with this key so far, begin it: `kincal review comment TEXT`"
+    "another program has sent with this key so far, begin it: `kincal review comment TEXT`"
 )
 
 

@@ -16,7 +16,7 @@ from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
 from kincal.review.changes import Changes, amount
 from kincal.review.decisions import OnBoard
 from kincal.review.history import History, Trend, decided, utc
-from kincal.review.journal import SAID, Entry, Journal, unfinished
+from kincal.review.journal import Entry, Journal, unfinished
 from kincal.review.residuals import PoseResidual
 from kincal.review.status import Choice, Listed, Status, choices, see_first
 from kincal.review.thresholds import Limits, Threshold, thresholds
@@ -95,12 +95,11 @@ def decisions(out: Console, journal: Journal) -> None:
     rows = grid(f"\nDecisions in {escape(str(journal.path))}", "time", "decision", "CRC", "by", "key", "why")
     for e in journal.entries:
         why = f"{e.why}; override: {e.override}" if e.override else e.why
-        what = f"{e.decision} {e.command}" if e.command and e.decision in SAID else e.decision
         key = str(e.key_id or "") + (f" (armed by key {e.armed_key})" if e.armed_key else "")
-        rows.add_row(escape(e.time), escape(what), escape(e.crc), escape(e.by), key, escape(why))
+        rows.add_row(escape(e.time), escape(e.words), escape(e.crc), escape(e.by), key, escape(why))
     out.print(rows)
     for e in unfinished(journal.entries):
-        text = f"{e.command} {e.crc} by {e.by}, {e.time}: nothing says what came of it; `kincal status` does"
+        text = f"{e.words} {e.crc} by {e.by}, {e.time}: nothing says what came of it; `kincal status` does"
         out.print(f"[yellow]look at: {escape(text)}[/]", soft_wrap=True)
     if journal.unconfirmed:
         out.print(f"[yellow]look at: {escape(journal.vouched)}[/]")

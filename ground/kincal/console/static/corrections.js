@@ -115,7 +115,7 @@ async function journal() {
   if (!lines.length) try { missing = (await ask("journal/missing")).text; } catch { /* said by the list itself */ }
   if (!parts || turn !== asked) return; // a later question is on its way
   show(parts.journal, el("h2", {}, "Journal"), missing ? el("p", { class: "bad missing" }, `◆ ${missing}`) : null, lines.length
-    ? el("ul", {}, lines.slice(0, 100).map((e) => el("li", {}, el("b", {}, `${e.decision} ${e.crc}`), ` ${e.by}${e.key ? `, key ${e.key}` : ""}${e.armed_key ? ` (armed by key ${e.armed_key})` : ""}`, el("small", {}, `${e.time.replace("T", " ").replace("+00:00", " UTC")}: ${e.why}${e.override ? `; override: ${e.override}` : ""}${e.unfinished ? ". ▲ Nothing says what came of it: the state of flight does." : ""}`))))
+    ? el("ul", {}, lines.slice(0, 100).map((e) => el("li", {}, el("b", {}, `${e.text} ${e.crc}`), ` ${e.by}${e.key ? `, key ${e.key}` : ""}${e.armed_key ? ` (armed by key ${e.armed_key})` : ""}`, el("small", {}, `${e.time.replace("T", " ").replace("+00:00", " UTC")}: ${e.why}${e.override ? `; override: ${e.override}` : ""}${e.unfinished ? ". ▲ Nothing says what came of it: the state of flight does." : ""}`))))
     : el("p", { class: "muted" }, "No decision was written yet."), el("p", { class: "muted small" }, store.about.journal));
 }
 
