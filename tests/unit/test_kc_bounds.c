@@ -219,7 +219,10 @@ static void expect_check(kc_status_t want)
 void test_a_bound_may_be_a_tenth_more_than_verified_and_not_more(void)
 {
     given_coef(-0.22, 0.22, 1u, KC_RZ); /* J2.phi, verified for 0.2 */
+    static const kc_bounds_bad_t none;
+    memset(&s_bad, 0x11, sizeof s_bad);
     expect_check(KC_OK);
+    TEST_ASSERT_EQUAL_MEMORY(&none, &s_bad, sizeof none);
     s_terms.coef[0].ub = 0.2201;
     expect_check(KC_ERR_RANGE);
     s_terms.coef[0] = (kc_coef_t){.lb = -0.2201, .ub = 0.0, .scale = 1.0, .enabled = 1u};

@@ -517,3 +517,22 @@ void test_a_sigma_of_the_chain_that_is_no_size_is_refused(void)
         TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_validate(&s_cam, &index, &got));
     }
 }
+
+void test_no_two_tags_have_one_number(void)
+{
+    for (uint32_t a = 0u; a < KC_TAG_MAX; a++) {
+        for (uint32_t b = 0u; b < KC_TAG_MAX; b++) {
+            int32_t index = -9;
+            double got = -9.0;
+            given_camera();
+            s_cam.n_tags = KC_TAG_MAX;
+            for (uint32_t i = 0u; i < KC_TAG_MAX; i++) {
+                s_cam.tag[i] = s_cam.tag[0];
+                s_cam.tag[i].id = 10 + (int32_t)i;
+            }
+            s_cam.tag[b].id = s_cam.tag[a].id;
+            TEST_ASSERT_EQUAL_INT(a == b ? KC_OK : KC_ERR_RANGE, kc_camera_validate(&s_cam, &index, &got));
+            if (a != b) { TEST_ASSERT_EQUAL_INT32((int32_t)(a > b ? a : b), index); }
+        }
+    }
+}

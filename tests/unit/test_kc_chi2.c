@@ -67,3 +67,49 @@ void test_quantiles_of_the_upper_tail(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, 15.136705226623397, kc_chi2_quantile(1e-4, 1u));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 383.3335394860787, kc_chi2_quantile(0.5, 384u));
 }
+
+/* (z + sqrt(ncp))^2 and a central one of the other degrees of freedom: integrated over z by Simpson. */
+static double noncentral(double chi2, uint32_t dof, double ncp)
+{
+    const int32_t n = 6000;
+    const double h = 18.0 / (double)n;
+    double sum = 0.0;
+    for (int32_t i = 0; i <= n; i++) {
+        const double z = -9.0 + h * (double)i, first = z + sqrt(ncp);
+        const double weight = i == 0 || i == n ? 1.0 : i % 2 != 0 ? 4.0 : 2.0;
+        sum += weight * exp(-0.5 * z * z) * kc_chi2_sf(chi2 - first * first, dof - 1u);
+    }
+    return sum * h / 3.0 / sqrt(2.0 * 3.14159265358979323846);
+}
+
+void test_the_noncentral_tail_is_that_of_a_shifted_normal_and_a_central_one(void)
+{
+    static const double ncp[] = {0.0, 0.3, 4.0, 25.0, 90.0, 200.0};
+    for (uint32_t k = 0u; k < sizeof ncp / sizeof ncp[0]; k++) {
+        for (uint32_t dof = 4u; dof <= 40u; dof += 12u) {
+            for (double part = 0.4; part < 2.0; part += 0.5) {
+                const double chi2 = part * ((double)dof + ncp[k]);
+                TEST_ASSERT_DOUBLE_WITHIN(1e-5, noncentral(chi2, dof, ncp[k]),
+                                          kc_chi2_noncentral_sf(chi2, dof, ncp[k]));
+            }
+        }
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(kc_chi2_sf(9.0, 5u), kc_chi2_noncentral_sf(9.0, 5u, 0.0));
+    TEST_ASSERT_EQUAL_DOUBLE(kc_chi2_noncentral_sf(150.0, 9u, 200.0),
+                             kc_chi2_noncentral_sf(150.0, 9u, 999.0));
+}
+
+/* Where the tail is p, for degrees of freedom that are no whole number as well. */
+void test_a_quantile_is_where_the_tail_has_its_probability(void)
+{
+    static const double p[] = {1e-4, 1e-3, 0.05, 0.5, 0.95};
+    for (uint32_t k = 0u; k < sizeof p / sizeof p[0]; k++) {
+        for (uint32_t dof = 1u; dof < 80u; dof += 7u) {
+            const double at = kc_chi2_quantile(p[k], dof);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-8 + 1e-7 * p[k], p[k], kc_chi2_sf(at, dof));
+            TEST_ASSERT_EQUAL_DOUBLE(at, kc_chi2_quantile_real(p[k], (double)dof));
+            const double between = kc_chi2_quantile_real(p[k], (double)dof + 0.5);
+            TEST_ASSERT_TRUE(between > at && between < kc_chi2_quantile(p[k], dof + 1u));
+        }
+    }
+}

@@ -261,6 +261,34 @@ void test_the_chain_takes_off_what_least_squares_over_it_take_off(void)
     }
 }
 
+/* Information on each coefficient alone with the first n errors of the chain unknown: what their least squares leave. */
+void test_what_is_visible_of_a_coefficient_is_what_the_chain_cannot_imitate(void)
+{
+    static const uint32_t n[] = {0u, 1u, KC_CHAIN_DRIFT, KC_CHAIN_MAST, KC_CHAIN_COUNT};
+    static double own[N_ALL][N_ALL], inverse[N_ALL][N_ALL];
+    for (uint32_t k = 0u; k < sizeof n / sizeof n[0]; k++) {
+        given_poses(); /* sums without their end are needed */
+        kc_consider_begin(&s_con);
+        for (uint32_t p = 0u; p < N_POSE; p++) {
+            memcpy(s_eval.J, s_pose[p].J, sizeof s_pose[p].J);
+            const kc_consider_pose_t pose = {s_before[p], s_after[p], s_pose[p].W, &s_eval, s_pose[p].H};
+            kc_consider_add(&s_con, &s_est, &pose);
+        }
+        kc_consider_visible(&s_con, &s_est, n[k]);
+        (void)least_squares(n[k], 1.0, (const double(*)[6])s_after);
+        for (uint32_t c = 0u; c < N_COEF; c++) { /* the coefficient first, then the chain */
+            memset(own, 0, sizeof own);
+            for (uint32_t i = 0u; i <= n[k]; i++) {
+                for (uint32_t j = 0u; j <= n[k]; j++) {
+                    own[i][j] = s_all[i == 0u ? c : N_COEF + i - 1u][j == 0u ? c : N_COEF + j - 1u];
+                }
+            }
+            invert(n[k] + 1u, (const double(*)[N_ALL])own, inverse);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0 / inverse[0][0], s_con.visible[c]);
+        }
+    }
+}
+
 /* With the table in force nothing but the chain is fitted. */
 void test_before_the_estimate_the_coefficients_explain_nothing(void)
 {

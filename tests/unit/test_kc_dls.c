@@ -48,6 +48,28 @@ void test_a_joint_at_its_edge_leaves_the_rest_to_the_others(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.9, dq[1]);
 }
 
+/* Of arrays for more joints. */
+void test_a_step_changes_no_joint_that_the_arm_does_not_have(void)
+{
+    double J[KC_JOINT_MAX][6] = {{0.0}}, lo[KC_JOINT_MAX], hi[KC_JOINT_MAX];
+    const double e[6] = {1.0, 0.5, -0.3, 0.0, 0.2, 0.1};
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
+        J[j][j % 6u] = 1.0;
+        J[j][(j + 1u) % 6u] = 0.3;
+        lo[j] = -0.05;
+        hi[j] = j % 2u == 0u ? 0.05 : 9.0;
+    }
+    for (uint32_t n = 1u; n < KC_JOINT_MAX; n++) {
+        double dq[KC_JOINT_MAX];
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { dq[j] = 77.0; }
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_dls_step((const double(*)[6])J, n, e, 0.1, lo, hi, dq));
+        kc_dls_limit(dq, n, 0.01);
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
+            TEST_ASSERT_TRUE(j < n ? fabs(dq[j]) <= 0.01 : dq[j] == 77.0);
+        }
+    }
+}
+
 void test_all_joints_at_their_edges_is_an_answer_too(void)
 {
     const double J[2][6] = {{1.0, 0, 0, 0, 0, 0}, {1.0, 0, 0, 0, 0, 0}}, e[6] = {-1.0, 0, 0, 0, 0, 0};

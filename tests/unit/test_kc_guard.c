@@ -250,6 +250,50 @@ void test_a_joint_nearer_to_its_limit_than_the_margin_is_refused(void)
     TEST_ASSERT_EQUAL_INT(3, s_why.index);
 }
 
+/* Each joint by itself, first and last. */
+void test_every_joint_has_its_limits_and_its_bound(void)
+{
+    double seed[KC_JOINT_MAX];
+    memcpy(seed, s_to, sizeof seed);
+    s_s.n_body = 0u;
+    for (uint32_t j = 0u; j < 7u; j++) {
+        memcpy(s_to, seed, sizeof s_to);
+        memcpy(s_from, seed, sizeof s_from);
+        for (uint32_t i = 0u; i < KC_JOINT_MAX; i++) { s_bound[i] = 0.1 + 0.01 * (double)i; }
+        s_to[j] = s_arm.joint[j].q_max;
+        expect(KC_GUARD_LIMIT, (int32_t)j + 1, s_to[j], s_arm.joint[j].q_max - 0.02);
+        s_to[j] = s_arm.joint[j].q_min;
+        expect(KC_GUARD_LIMIT, (int32_t)j + 1, s_to[j], s_arm.joint[j].q_min + 0.02);
+        for (uint32_t k = 0u; k < 4u; k++) { /* target or start, above or below */
+            double *q = k < 2u ? s_to : s_from;
+            memcpy(s_to, seed, sizeof s_to);
+            memcpy(s_from, seed, sizeof s_from);
+            q[j] = seed[j] + (k % 2u == 0u ? 1.0 : -1.0) * (s_bound[j] + 0.5 * s_ask.tol);
+            expect_fine();
+            q[j] = seed[j] + (k % 2u == 0u ? 1.0 : -1.0) * (s_bound[j] + 0.005);
+            expect(KC_GUARD_PATH, (int32_t)j + 1, 0.005 - s_ask.tol, s_bound[j]);
+        }
+    }
+}
+
+/* From a stop on a segment to its end exactly: each joint by itself. */
+void test_every_joint_has_to_be_at_the_end_of_the_segment(void)
+{
+    double seed[KC_JOINT_MAX], hub[KC_JOINT_MAX];
+    s_s.n_body = 0u;
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_bound[j] = 0.01; } /* the start is far outside */
+    kc_path_joints(&s_s, NODE(3u), seed);
+    kc_path_joints(&s_s, s_s.cand[3].hub, hub);
+    for (uint32_t j = 0u; j < 7u; j++) { s_from[j] = 0.5 * (seed[j] + hub[j]); }
+    memcpy(s_to, seed, sizeof s_to);
+    expect_fine();
+    for (uint32_t j = 0u; j < 7u; j++) {
+        s_to[j] = seed[j] + (j % 2u == 0u ? 1e-5 : -1e-5);
+        TEST_ASSERT_EQUAL_INT(KC_GUARD_PATH, kc_guard_check(&s_ask, &s_why));
+        s_to[j] = seed[j];
+    }
+}
+
 /* Numbers of tables are single precision: a target on the margin is on it, whichever way it was rounded. */
 void test_a_joint_exactly_at_the_margin_of_a_limit_is_fine(void)
 {

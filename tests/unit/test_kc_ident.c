@@ -299,3 +299,19 @@ void test_after_as_many_choices_as_there_may_be_the_last_one_stands(void)
     TEST_ASSERT_EQUAL_UINT32(1u, count(KC_COEF_HELD));
     assert_held_at_start();
 }
+
+/* What an earlier choice found is forgotten. */
+void test_what_is_determined_is_confounded_with_nothing_any_more(void)
+{
+    const uint64_t all = ((uint64_t)1u << 28u) - 1u;
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 15u, 1.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    memset(s_est.confounded, 0xff, sizeof s_est.confounded);
+    memset(s_est.status, 0xff, sizeof s_est.status);
+    kc_est_identify(&s_est, all & ~(uint64_t)8u);
+    for (uint32_t c = 0u; c < 28u; c++) {
+        TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[c]);
+        TEST_ASSERT_EQUAL_UINT8(c == 3u ? KC_COEF_MASKED : KC_COEF_ESTIMATED, s_est.status[c]);
+    }
+    TEST_ASSERT_EQUAL_UINT32(27u, s_est.n_idx);
+}

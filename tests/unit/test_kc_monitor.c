@@ -462,7 +462,7 @@ static void correlated(double cov[36])
 void test_sigma_is_that_of_least_squares_with_what_all_observations_share(void)
 {
     for (uint32_t j = 0u; j < 7u; j++) {
-        double all = 0.0, together = 0.0, apart = 0.0;
+        double all = 0.0, together = 0.0, squares = 0.0;
         setUp();
         s_rng = 30u + j;
         kc_monitor_init(&s_mon, &s_arm, 0.1 * (double)j * OBS_POS_M, 0.2 * OBS_ROT_RAD);
@@ -486,9 +486,9 @@ void test_sigma_is_that_of_least_squares_with_what_all_observations_share(void)
                 s2 += y[c] * y[c] * s_mon.floor2[c];
             }
             together += sqrt(s2);
-            apart += s2;
+            squares += s2;
         }
-        const double sigma = sqrt(all + together * together - apart) / all;
+        const double sigma = sqrt(all + together * together - squares) / all;
         kc_monitor_evaluate(&s_mon, &s_v);
         TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
         TEST_ASSERT_EQUAL_UINT32(j, s_v.joint);

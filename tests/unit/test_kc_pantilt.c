@@ -65,6 +65,9 @@ void test_it_is_there_when_it_stands_near_both_angles(void)
     TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after(0u, 0.3, -0.211, 0).id);
     TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after(0u, 0.3, -0.189, 0).id);
     TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after(0u, 0.3, -0.2, 1).id);
+    turn(0.0, 0.0); /* to the last bit */
+    TEST_ASSERT_EQUAL_INT(KC_OC_DONE, after(0u, 0.01, -0.01, 0).id);
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after(0u, 0.01000000001, 0.0, 0).id);
 }
 
 void test_a_command_that_was_lost_is_sent_again_each_second(void)

@@ -211,6 +211,19 @@ void test_a_reserve_pose_is_not_taken_while_others_may_still_determine_the_coeff
     TEST_ASSERT_EQUAL_UINT32(12u, cand);
 }
 
+/* One local initial pose is enough that as many others are needed as CONFIG says. */
+void test_with_any_local_initial_pose_the_least_number_of_others_counts(void)
+{
+    for (uint32_t n_local = 0u; n_local < 4u; n_local++) {
+        given(n_local, 0u, 5u);
+        for (uint32_t i = 0u; i < n_local; i++) { measure(10u + i); }
+        for (uint32_t n = 0u; n < 5u; n++) {
+            TEST_ASSERT_EQUAL_INT(n >= (n_local > 0u ? 3u : 1u), kc_plan_enough(&s_plan));
+            measure(n);
+        }
+    }
+}
+
 /* What stands in the table behind its initial poses is none of them. */
 void test_initial_poses_beyond_their_number_are_not_looked_at(void)
 {

@@ -973,3 +973,19 @@ void test_rounding_is_a_part_of_all_terms_whatever_their_signs(void)
         TEST_ASSERT_FALSE(kc_qp_rounding(&s_qp, 4.1e-14));
     }
 }
+
+/* Of every size, with one variable beside 0 or all of them. */
+void test_the_gradient_is_the_dense_sum(void)
+{
+    for (uint32_t n = 1u; n < 14u; n++) {
+        for (uint32_t one = 0u; one <= n; one++) {
+            given_random(n, n, 1.0, n);
+            for (uint32_t i = 0u; i < n; i++) { s_qp.x[i] = one == n || i == one ? 0.3 + 0.1 * i : 0.0; }
+            kc_qp_gradient(&s_qp);
+            for (uint32_t i = 0u; i < n; i++) {
+                TEST_ASSERT_DOUBLE_WITHIN(1e-13, gradient_at(s_qp.x, i), s_qp.grad[i]);
+            }
+            TEST_ASSERT_EQUAL_DOUBLE(9.0, s_qp.grad[n]); /* as it was */
+        }
+    }
+}

@@ -238,3 +238,20 @@ void test_the_distance_is_that_of_the_rotations(void)
     for (int i = 0; i < 9; i++) { trace += A[i] * B[i]; }
     TEST_ASSERT_DOUBLE_WITHIN(1e-14, acos(0.5 * (trace - 1.0)), kc_quat_dist_rad(a, b));
 }
+
+/* The same bits for the same rotation: no zero has a sign. */
+void test_zeros_of_a_quaternion_are_positive(void)
+{
+    static const double half[][4] = {{0.0, -0.6, 0.8, 0.0}, {0.0, 0.6, -0.8, 0.0}, {0.0, -0.6, 0.0, 0.8},
+                                     {0.0, 0.0, -0.6, 0.8}, {0.8, -0.6, 0.0, 0.0}, {1.0, 0.0, 0.0, 0.0},
+                                     {0.0, 0.0, 0.0, -1.0}, {0.0, -1.0, 0.0, 0.0}};
+    for (uint32_t i = 0u; i < sizeof half / sizeof half[0]; i++) {
+        double R[9], q[4];
+        kc_quat_to_R(half[i], R);
+        kc_R_to_quat(R, q);
+        for (uint32_t k = 0u; k < 4u; k++) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-15, fabs(half[i][k]), fabs(q[k]));
+            TEST_ASSERT_FALSE(q[k] == 0.0 && signbit(q[k]));
+        }
+    }
+}

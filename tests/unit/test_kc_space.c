@@ -29,6 +29,28 @@ void test_there_is_no_edge_to_itself_or_beyond_the_candidates(void)
     TEST_ASSERT_FALSE(kc_space_edge(&s_s, 1023u, 1022u));
 }
 
+/* Bit i (i - 1) / 2 + j, from the lowest of each byte: of a pair alone, and of all but that. */
+void test_every_pair_of_candidates_has_a_bit_of_its_own(void)
+{
+    const uint32_t n = 12u;
+    given_space(&s_s, n, 1u);
+    for (uint32_t hi = 1u, bit = 0u; hi < n; hi++) {
+        for (uint32_t lo = 0u; lo < hi; lo++, bit++) {
+            for (uint32_t others = 0u; others < 2u; others++) {
+                memset(s_s.edge, others != 0u ? 0xff : 0, sizeof s_s.edge);
+                s_s.edge[bit / 8u] ^= (uint8_t)(1u << (bit % 8u));
+                for (uint32_t i = 0u; i < n; i++) {
+                    for (uint32_t j = 0u; j < n; j++) {
+                        const bool pair = (i == hi && j == lo) || (i == lo && j == hi);
+                        const bool edge = i != j && pair == (others == 0u);
+                        TEST_ASSERT_EQUAL_INT(edge, kc_space_edge(&s_s, i, j));
+                    }
+                }
+            }
+        }
+    }
+}
+
 /* ---- local initial poses ---- */
 
 /* Candidates 6 to 8 are local initial poses, 8 in reserve, ahead of two other initial poses. */
@@ -150,8 +172,14 @@ void test_the_servo_bound_of_every_joint_must_be_positive_and_finite(void)
 
 void test_an_initial_pose_that_is_no_candidate_is_refused(void)
 {
-    s_s.initial[1] = 9u;
-    expect_refused(KC_SPACE_INDEX_INITIAL + 1, 9.0);
+    for (uint32_t k = 0u; k < 3u; k++) {
+        given_space(&s_s, 9u, 1u);
+        s_s.initial[k] = 9u;
+        expect_refused(KC_SPACE_INDEX_INITIAL + (int32_t)k, 9.0);
+    }
+    given_space(&s_s, 9u, 1u);
+    s_s.initial[3] = 9u; /* behind the last one */
+    expect_valid(&s_arm);
 }
 
 void test_an_initial_pose_listed_twice_is_refused(void)

@@ -286,15 +286,15 @@ static double info(uint32_t i, uint32_t j)
  * observations act together. */
 static double var_of(uint32_t j)
 {
-    double together = 0.0, apart = 0.0;
+    double together = 0.0, squares = 0.0;
     for (uint32_t o = 0u; o < N_DENSE; o++) {
         double y[6], s2 = 0.0;
         solve6(s_d.cov[o], s_d.a[o][j], y);
         for (uint32_t c = 0u; c < 6u; c++) { s2 += y[c] * y[c] * s_d.floor2[c]; }
         together += sqrt(s2);
-        apart += s2;
+        squares += s2;
     }
-    return info(j, j) + together * together - apart;
+    return info(j, j) + together * together - squares;
 }
 
 static double gradient(uint32_t j)

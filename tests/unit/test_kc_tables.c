@@ -446,6 +446,31 @@ void test_wrong_version_is_refused(void)
     expect_event(KC_EVT_TBL_FORMAT, 2, 9.0, (double)kc_layout_version(KC_TBL_ARM));
 }
 
+/* Of an image that ends in all bytes of its size. */
+void test_what_a_header_says_is_named_with_all_its_bytes(void)
+{
+    static const struct {
+        uint32_t at, field;
+        uint8_t bytes[4];
+        uint32_t n;
+        double got;
+    } cases[] = {{0u, 0u, {0x11u, 0x22u, 0x33u, 0x44u}, 4u, 1144201745.0}, /* magic */
+                 {4u, 1u, {0x01u, 0x02u}, 2u, 513.0},
+                 {6u, 2u, {0x03u, 0x04u}, 2u, 1027.0},
+                 {8u, 3u, {0x01u, 0x02u, 0x03u, 0x04u}, 4u, 67305985.0}};
+    for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) {
+        given_image_of(KC_TBL_ARM);
+        TEST_ASSERT_EQUAL_HEX8(0u, s_image[10]);
+        TEST_ASSERT_EQUAL_HEX8(0u, s_image[11]);
+        memcpy(&s_image[cases[i].at], cases[i].bytes, cases[i].n);
+        forget_events();
+        TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_tbl_decode(KC_TBL_ARM, s_image, s_n, &s_scratch, &s_ev));
+        TEST_ASSERT_EQUAL_UINT16(KC_EVT_TBL_FORMAT, s_ev.e[0].id);
+        TEST_ASSERT_EQUAL_INT32((int32_t)cases[i].field, s_ev.e[0].index);
+        TEST_ASSERT_EQUAL_DOUBLE(cases[i].got, s_ev.e[0].got);
+    }
+}
+
 void test_each_kind_has_a_layout_version_of_its_own(void)
 {
     for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {

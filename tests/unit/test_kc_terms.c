@@ -55,6 +55,9 @@ void test_an_arm_of_as_many_joints_as_there_may_be_gets_its_terms(void)
         TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_add_dh(&s_t, n, BOUND));
         TEST_ASSERT_EQUAL_UINT32(4u * n, s_t.n_coef);
         TEST_ASSERT_EQUAL_UINT32(4u * n, s_t.n_term);
+        int32_t index = -9;
+        double got = 0.0;
+        TEST_ASSERT_EQUAL_INT(n > 0u ? KC_OK : KC_ERR_RANGE, kc_terms_validate(&s_t, n, &index, &got));
     }
     s_t.n_coef = KC_COEF_MAX - 28u; /* as many as are left */
     s_t.n_term = KC_TERM_MAX - 28u;
