@@ -442,8 +442,12 @@ void test_a_volume_that_is_none_is_refused(void)
     expect_refused(at, NAN);
     s_s.volume[1].size_m[1] = NAN;
     expect_refused(at, NAN);
-    s_s.volume[1].size_m[2] = 0.0f;
-    expect_refused(at, 0.0);
+    for (uint32_t k = 0u; k < 3u; k++) {
+        s_s.volume[1].size_m[k] = 0.0f;
+        expect_refused(at, 0.0);
+        s_s.volume[1].size_m[k] = -0.5f;
+        expect_refused(at, -0.5);
+    }
     s_s.volume[1].kind = KC_VOL_CAPSULE; /* has no radius */
     expect_refused(at, 0.0);
     s_s.volume[1].kind = KC_VOL_SPHERE;
