@@ -478,6 +478,27 @@ void test_a_volume_between_the_ends_is_found_too(void)
     expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
 }
 
+/* Where it first finds something, not farther on the way. */
+void test_a_check_ends_at_the_first_posture_that_is_too_near(void)
+{
+    double at[KC_JOINT_MAX];
+    for (double part = 0.25; part < 0.8; part += 0.25) {
+        kc_guard_job_t job;
+        kc_work_t work = kc_work_unlimited();
+        setUp();
+        s_to[0] += 0.38;
+        s_from[0] -= 0.38;
+        for (uint32_t j = 0u; j < 7u; j++) { at[j] = s_from[j] + part * (s_to[j] - s_from[j]); }
+        put_ball(at, 0.02f);
+        kc_guard_begin(&s_ask, &job);
+        TEST_ASSERT_TRUE(kc_guard_step(&s_ask, &job, &work));
+        TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
+        TEST_ASSERT_TRUE(job.over);
+        TEST_ASSERT_TRUE(job.part > part - 0.25 && job.part < part);
+        TEST_ASSERT_TRUE(job.at.d[0] < KC_GUARD_CLEAR_M);
+    }
+}
+
 /* Links count with their length, to whichever side they go: nothing thin is passed between two postures. */
 void test_links_against_their_axis_are_as_long(void)
 {
@@ -908,6 +929,7 @@ void test_a_check_that_runs_out_of_postures_refuses(void)
     TEST_ASSERT_TRUE(job.over);
     TEST_ASSERT_TRUE(job.part < 1.0);
     TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
+    TEST_ASSERT_EQUAL_MEMORY(&job.at.why[0], &job.why, sizeof job.why); /* what was nearest of volumes */
     kc_guard_begin(&s_ask, &job);
     one.used = 0u;
     TEST_ASSERT_FALSE(kc_guard_step(&s_ask, &job, &one));

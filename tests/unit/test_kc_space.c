@@ -342,6 +342,26 @@ void test_too_many_bodies_or_volumes_are_refused(void)
     expect_valid(&s_arm);
 }
 
+/* As many of everything as there may be. */
+void test_the_largest_counts_are_accepted(void)
+{
+    given_space(&s_s, 40u, 1u);
+    for (uint32_t i = 2u; i < KC_BODY_MAX; i++) { s_s.body[i] = s_s.body[0]; }
+    for (uint32_t i = 2u; i < KC_VOLUME_MAX; i++) { s_s.volume[i] = s_s.volume[0]; }
+    for (uint32_t i = 0u; i < KC_INITIAL_MAX; i++) { s_s.initial[i] = (uint16_t)i; }
+    s_s.n_body = KC_BODY_MAX;
+    expect_valid(&s_arm);
+    s_s.n_volume = KC_VOLUME_MAX;
+    expect_valid(&s_arm);
+    s_s.n_initial = KC_INITIAL_MAX;
+    expect_valid(&s_arm);
+    s_s.n_hub = KC_HUB_MAX;
+    expect_valid(&s_arm);
+    s_s.n_initial = 0u;
+    s_s.n_body = s_s.n_volume = 0u;
+    expect_valid(&s_arm);
+}
+
 void test_a_body_that_is_none_is_refused(void)
 {
     const int32_t at = KC_SPACE_INDEX_BODY + 1;
