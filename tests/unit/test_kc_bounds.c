@@ -123,6 +123,32 @@ void test_the_farther_end_of_a_range_counts(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 5.76, size_of(KC_FN_LIN, KC_VAR_Q, 5u, 1.0, 1.0));
 }
 
+void test_both_ends_of_every_range_count(void)
+{
+    static const struct {
+        uint8_t var;
+        double lo, hi;
+    } range[] = {{KC_VAR_TEMP, -200.0, 150.0},
+                 {KC_VAR_PAYLOAD, 0.0, 0.5},
+                 {KC_VAR_RANGE, 0.0, 3.0},
+                 {KC_VAR_INCID, 0.0, 1.57079632679489662},
+                 {KC_VAR_R2, 0.0, 2.0},
+                 {KC_VAR_XCAM, -3.0, 3.0},
+                 {KC_VAR_YCAM, -3.0, 3.0},
+                 {KC_VAR_ZCAM, -3.0, 3.0},
+                 {KC_VAR_U, -1.0, 1.0},
+                 {KC_VAR_V, -1.0, 1.0},
+                 {KC_VAR_PAN, -3.14159265358979324, 3.14159265358979324},
+                 {KC_VAR_TILT, -3.14159265358979324, 3.14159265358979324}};
+    for (uint32_t i = 0u; i < sizeof range / sizeof range[0]; i++) {
+        for (double c0 = -400.0; c0 <= 400.0; c0 += 800.0) {
+            const double far = c0 > 0.0 ? c0 - range[i].lo : range[i].hi - c0;
+            TEST_ASSERT_DOUBLE_WITHIN(1e-9, far, size_of(KC_FN_LIN, range[i].var, 0u, c0, 1.0));
+        }
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1e5, size_of(KC_FN_LIN, KC_VAR_T, 0u, 7e6, 1.0)); /* from c0 */
+}
+
 void test_every_joint_has_its_own_speed_and_limits(void)
 {
     for (uint32_t j = 0u; j < 7u; j++) {

@@ -161,6 +161,23 @@ void test_bad_coefficient_tables_are_refused(void)
     assert_solve_refused();
 }
 
+/* Bounds, scale and start of each of them; none behind them. */
+void test_every_coefficient_is_checked(void)
+{
+    for (uint32_t c = 0u; c < 28u; c++) {
+        for (uint32_t k = 0u; k < 3u; k++) {
+            given(6u, 0.0);
+            given_terms(&s_terms);
+            if (k == 0u) { s_terms.coef[c].lb = 2.0 * s_terms.coef[c].ub; }
+            if (k == 1u) { s_terms.coef[c].scale = 0.0; }
+            if (k == 2u) { s_est.start[c] = INFINITY; }
+            TEST_ASSERT_FALSE(kc_est_options_good(&s_est));
+            s_terms.n_coef = c;
+            TEST_ASSERT_TRUE(kc_est_options_good(&s_est));
+        }
+    }
+}
+
 void test_as_many_coefficients_as_there_may_be_are_taken(void)
 {
     given(12u, 0.0);

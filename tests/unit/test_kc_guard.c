@@ -218,6 +218,39 @@ void test_a_link_with_a_length_is_stretched_by_such_a_move(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.475, distance(link, ball));
 }
 
+/* The same with a length against the axis; and whichever joint it is, its own length counts. */
+void test_a_link_against_its_axis_keeps_its_near_end_too(void)
+{
+    kc_volume_t ball = {KC_VOL_SPHERE, {0.0f, 0.0f, -1.0f}, {0.0f, 0.0f, 0.0f}, 0.1f, 0u};
+    kc_volume_t aside = {KC_VOL_SPHERE, {0.5f, 0.0f, -0.55f}, {0.0f, 0.0f, 0.0f}, 0.1f, 0u};
+    kc_body_t link = ROD(0.f, 0.f, 0.f, 0.f, 0.f, -0.55f, 0.05f);
+    link.frame = 3u;
+    s_arm.joint[2].d_m = -0.55;
+    s_g.across_m[3] = 0.2;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.15, distance(link, aside)); /* far end at 0.2 */
+    s_g.across_m[3] = 0.0;
+    s_g.frame[3].p_m[2] = s_g.along_m[3] = 0.2;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.5, distance(link, ball)); /* far end at -0.35 */
+}
+
+void test_each_joint_has_a_length_of_its_own(void)
+{
+    kc_volume_t ball = {KC_VOL_SPHERE, {0.0f, 0.0f, -1.0f}, {0.0f, 0.0f, 0.0f}, 0.1f, 0u};
+    kc_body_t body = ROD(0.f, 0.f, 0.5f, 0.f, 0.f, 0.5f, 0.05f);
+    for (uint32_t j = 1u; j <= 7u; j++) {
+        for (uint32_t has = 0u; has < 2u; has++) {
+            setUp();
+            for (uint32_t k = 0u; k < 7u; k++) {
+                s_arm.joint[k].d_m = (k + 1u == j) == (has == 1u) ? 0.5 : 0.0;
+            }
+            s_g.along_m[j] = 0.2;
+            body.frame = (uint8_t)j;
+            /* at the far end of a link, where the frame is; without a link it may also be where it was */
+            TEST_ASSERT_DOUBLE_WITHIN(1e-7, has == 1u ? 1.35 : 1.15, distance(body, ball));
+        }
+    }
+}
+
 /* ---- limits and paths ---- */
 
 static void expect(kc_guard_verdict_t verdict, int32_t index, double got, double want)
@@ -443,6 +476,27 @@ void test_a_volume_between_the_ends_is_found_too(void)
     memcpy(s_from, s_to, sizeof t);
     memcpy(s_to, t, sizeof t); /* but not come back */
     expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+}
+
+/* Where it first finds something, not farther on the way. */
+void test_a_check_ends_at_the_first_posture_that_is_too_near(void)
+{
+    double at[KC_JOINT_MAX];
+    for (double part = 0.25; part < 0.8; part += 0.25) {
+        kc_guard_job_t job;
+        kc_work_t work = kc_work_unlimited();
+        setUp();
+        s_to[0] += 0.38;
+        s_from[0] -= 0.38;
+        for (uint32_t j = 0u; j < 7u; j++) { at[j] = s_from[j] + part * (s_to[j] - s_from[j]); }
+        put_ball(at, 0.02f);
+        kc_guard_begin(&s_ask, &job);
+        TEST_ASSERT_TRUE(kc_guard_step(&s_ask, &job, &work));
+        TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
+        TEST_ASSERT_TRUE(job.over);
+        TEST_ASSERT_TRUE(job.part > part - 0.25 && job.part < part);
+        TEST_ASSERT_TRUE(job.at.d[0] < KC_GUARD_CLEAR_M);
+    }
 }
 
 /* Links count with their length, to whichever side they go: nothing thin is passed between two postures. */
@@ -875,6 +929,7 @@ void test_a_check_that_runs_out_of_postures_refuses(void)
     TEST_ASSERT_TRUE(job.over);
     TEST_ASSERT_TRUE(job.part < 1.0);
     TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
+    TEST_ASSERT_EQUAL_MEMORY(&job.at.why[0], &job.why, sizeof job.why); /* what was nearest of volumes */
     kc_guard_begin(&s_ask, &job);
     one.used = 0u;
     TEST_ASSERT_FALSE(kc_guard_step(&s_ask, &job, &one));
@@ -917,4 +972,21 @@ void test_steps_of_a_check_are_as_long_as_the_free_distance_allows(void)
     }
     uint32_t most = (uint32_t)ceil(by / KC_GUARD_STEP);
     TEST_ASSERT_UINT32_WITHIN(1u, 1u + most, postures_above_ground(1e-4));
+}
+
+/* At the target, of volumes and of the arm itself, whichever is nearer. */
+void test_the_clearance_at_a_target_is_the_smaller_of_both(void)
+{
+    for (uint32_t k = 0u; k < 2u; k++) {
+        uint64_t cost = 0u;
+        setUp();
+        given_elbow(k == 0u ? 0.02 : 0.3);
+        if (k == 1u) { /* the ground just below the arm */
+            s_s.volume[s_s.n_volume++] = (kc_volume_t){.kind = KC_VOL_BELOW, .p_m = {0.0f, 0.0f, 0.3f}};
+        }
+        const double self = self_clearance_at(s_to), volume = kc_guard_clearance(&s_g, &s_body, &s_volume);
+        TEST_ASSERT_TRUE(k == 0u ? self < volume : volume < self);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, fmin(self, volume), kc_guard_clearance_at(&s_ask, &cost));
+        TEST_ASSERT_TRUE(cost > 0u && cost <= kc_guard_clearance_cost(&s_ask));
+    }
 }

@@ -129,6 +129,7 @@ void test_nothing_determined_is_reported_and_start_kept(void)
     for (uint32_t k = 0u; k < KC_COEF_MAX * KC_COEF_MAX; k++) { s_est.cov[k] = 5.0; }
     TEST_ASSERT_EQUAL_INT(KC_ERR_RANK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT32(0u, s_est.rank);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_est.cond);
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[idle]);
     TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.2, s_est.coef[idle]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, s_est.before_pos_m, s_est.fit_pos_m);
@@ -314,4 +315,26 @@ void test_what_is_determined_is_confounded_with_nothing_any_more(void)
         TEST_ASSERT_EQUAL_UINT8(c == 3u ? KC_COEF_MASKED : KC_COEF_ESTIMATED, s_est.status[c]);
     }
     TEST_ASSERT_EQUAL_UINT32(27u, s_est.n_idx);
+}
+
+/* What stands behind the coefficients of TERMS. */
+void test_coefficients_that_terms_do_not_have_are_left_alone(void)
+{
+    for (uint32_t n = 20u; n <= 28u; n += 8u) {
+        given_session(&s_est, &s_arm, &s_terms, s_truth, 12u, 1.0);
+        s_terms.n_coef = s_terms.n_term = n;
+        for (uint32_t c = n; c < KC_COEF_MAX; c++) {
+            s_est.coef[c] = 77.0;
+            s_est.start[c] = 55.0;
+        }
+        (void)kc_est_solve(&s_est);
+        for (uint32_t c = n; c < KC_COEF_MAX; c++) {
+            TEST_ASSERT_EQUAL_DOUBLE(77.0, s_est.coef[c]);
+            TEST_ASSERT_EQUAL_DOUBLE(55.0, s_est.start[c]);
+            TEST_ASSERT_EQUAL_UINT8(KC_COEF_MASKED, s_est.status[c]);
+            TEST_ASSERT_EQUAL_DOUBLE(0.0, s_est.sigma[c]);
+            TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[c]);
+        }
+        given_terms(&s_terms);
+    }
 }

@@ -4,6 +4,7 @@
 
 #include "given_tables.h"
 #include "kc_ik.h"
+#include "kc_vec.h"
 #include "unity.h"
 
 static kc_arm_t s_arm;
@@ -246,4 +247,31 @@ void test_the_number_of_evaluations_is_optional(void)
     kc_pose_t goal;
     kc_arm_fk(&s_arm, s_q, &goal);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_ik_solve(&s_arm, &s_terms, NULL, &goal, &s_opt, s_q, &s_work, NULL));
+}
+
+/* Within both tolerances it is there: every axis of the position, every axis of the turn. */
+void test_every_axis_counts_in_the_tolerances(void)
+{
+    kc_pose_t at, goal;
+    s_opt.iter_max = 0u;
+    s_opt.tol_pos_m = 0.02;
+    s_opt.tol_rot_rad = 0.01;
+    s_q[1] = 0.4;
+    s_q[3] = 0.9;
+    kc_arm_fk(&s_arm, s_q, &at);
+    for (uint32_t k = 0u; k < 6u; k++) {
+        for (uint32_t beyond = 0u; beyond < 2u; beyond++) {
+            const double by = (beyond == 1u ? 1.01 : 0.99) * (k < 3u ? 0.02 : 0.01);
+            double w[3] = {0.0}, E[9];
+            goal = at;
+            if (k < 3u) {
+                goal.p_m[k] += by;
+            } else {
+                w[k - 3u] = by;
+                kc_R_exp(w, E);
+                kc_m3_mul(E, at.R, goal.R);
+            }
+            TEST_ASSERT_EQUAL_INT(beyond == 1u ? KC_ERR_REACH : KC_OK, solve(&goal, NULL));
+        }
+    }
 }

@@ -203,6 +203,44 @@ void test_every_joint_has_to_echo_and_to_arrive_and_the_arm_to_rest(void)
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, wait().id);
 }
 
+/* The guard takes several steps: meanwhile nothing is sent, then the command is, and once. */
+void test_a_check_in_parts_ends_with_the_command(void)
+{
+    double q[KC_JOINT_MAX];
+    kc_work_t none = {1u, 1u};
+    kc_path_joints(s_space, NODE, s_arm->q);
+    memcpy(s_arm->q_cmd, s_arm->q, sizeof s_arm->q_cmd);
+    memcpy(q, s_arm->q, sizeof q);
+    q[0] += 0.1;
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, kc_move_near(&s_move, &parts.view, &none, &parts.out, q).id);
+    for (uint32_t k = 0u; k < 3u; k++) {
+        TEST_ASSERT_FALSE(parts.out.has_arm_cmd);
+        TEST_ASSERT_EQUAL_INT(KC_OC_STAY, kc_move_wait(&s_move, &parts.view, &none, &parts.out).id);
+    }
+    parts.clock.now_us += 5u;
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, wait().id);
+    expect_sent(q);
+    TEST_ASSERT_EQUAL_UINT64(parts.clock.now_us, s_move.start_us);
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, wait().id);
+    TEST_ASSERT_FALSE(parts.out.has_arm_cmd);
+    arrives();
+    TEST_ASSERT_EQUAL_INT(KC_OC_DONE, wait().id);
+}
+
+void test_at_the_very_tolerance_it_has_arrived(void)
+{
+    given_sent();
+    s_config->arrive_tol = 0.125;
+    for (uint32_t j = 0u; j < 7u; j++) { s_move.q_target[j] = s_move.q_to[j] = 0.5; }
+    for (uint32_t j = 0u; j < 7u; j++) {
+        arrives();
+        s_arm->q[j] = j % 2u == 0u ? 0.625 : 0.375;
+        TEST_ASSERT_EQUAL_INT(KC_OC_DONE, wait().id);
+        s_arm->q[j] += j % 2u == 0u ? 1e-9 : -1e-9;
+        TEST_ASSERT_EQUAL_INT(KC_OC_STAY, wait().id);
+    }
+}
+
 void test_a_command_that_got_lost_is_sent_again_each_second(void)
 {
     given_sent();
@@ -352,6 +390,9 @@ void test_an_arm_that_somebody_else_moves_is_not_held_again(void)
     given_held();
     s_move.start_us = 0u; /* flight has moved nothing yet, and knows no target */
     TEST_ASSERT_EQUAL_UINT32(0u, held_again(60u));
+    given_held();
+    s_move.start_us = 1u; /* in its first microsecond */
+    TEST_ASSERT_EQUAL_UINT32(10u, held_again(60u));
     given_held();
     s_move.start_us = 0u;
     s_move.foreign = true;

@@ -197,6 +197,31 @@ void test_a_hub_outside_the_joint_limits_is_refused(void)
     expect_refused(KC_SPACE_INDEX_HUB, -1.0);
 }
 
+/* Every joint of every hub and candidate, beyond either limit. */
+void test_every_joint_of_every_node_has_its_limits(void)
+{
+    for (uint32_t k = 0u; k < 11u * 7u * 2u; k++) {
+        const uint32_t node = k / 14u, j = k / 2u % 7u;
+        float *q = node < 2u ? s_s.hub_q[node] : s_s.cand[node - 2u].q_seed;
+        const double limit = k % 2u == 0u ? s_arm.joint[j].q_max + 0.01 : s_arm.joint[j].q_min - 0.01;
+        q[j] = (float)limit;
+        expect_refused(node < 2u ? KC_SPACE_INDEX_HUB + (int32_t)node : (int32_t)node - 2,
+                       (double)(float)limit);
+        given_space(&s_s, 9u, 1u);
+    }
+}
+
+void test_each_candidate_needs_a_hub_that_is_reached(void)
+{
+    for (int32_t i = 0; i < 9; i++) {
+        given_space(&s_s, 9u, 1u);
+        s_s.n_hub = 3u; /* hub 2 stands alone */
+        expect_valid(&s_arm);
+        s_s.cand[i].hub = 2u;
+        expect_refused(i, 2.0);
+    }
+}
+
 void test_a_hub_segment_in_one_direction_only_is_refused(void)
 {
     s_s.hub_edge[1] = 0u;
@@ -302,6 +327,26 @@ void test_too_many_bodies_or_volumes_are_refused(void)
     s_s.n_body = 0u;
     s_s.volume[0].excluded = 0u;
     s_s.n_volume = 0u;
+    expect_valid(&s_arm);
+}
+
+/* As many of everything as there may be. */
+void test_the_largest_counts_are_accepted(void)
+{
+    given_space(&s_s, 40u, 1u);
+    for (uint32_t i = 2u; i < KC_BODY_MAX; i++) { s_s.body[i] = s_s.body[0]; }
+    for (uint32_t i = 2u; i < KC_VOLUME_MAX; i++) { s_s.volume[i] = s_s.volume[0]; }
+    for (uint32_t i = 0u; i < KC_INITIAL_MAX; i++) { s_s.initial[i] = (uint16_t)i; }
+    s_s.n_body = KC_BODY_MAX;
+    expect_valid(&s_arm);
+    s_s.n_volume = KC_VOLUME_MAX;
+    expect_valid(&s_arm);
+    s_s.n_initial = KC_INITIAL_MAX;
+    expect_valid(&s_arm);
+    s_s.n_hub = KC_HUB_MAX;
+    expect_valid(&s_arm);
+    s_s.n_initial = 0u;
+    s_s.n_body = s_s.n_volume = 0u;
     expect_valid(&s_arm);
 }
 
@@ -430,8 +475,12 @@ void test_a_volume_that_is_none_is_refused(void)
     expect_refused(at, NAN);
     s_s.volume[1].size_m[1] = NAN;
     expect_refused(at, NAN);
-    s_s.volume[1].size_m[2] = 0.0f;
-    expect_refused(at, 0.0);
+    for (uint32_t k = 0u; k < 3u; k++) {
+        s_s.volume[1].size_m[k] = 0.0f;
+        expect_refused(at, 0.0);
+        s_s.volume[1].size_m[k] = -0.5f;
+        expect_refused(at, -0.5);
+    }
     s_s.volume[1].kind = KC_VOL_CAPSULE; /* has no radius */
     expect_refused(at, 0.0);
     s_s.volume[1].kind = KC_VOL_SPHERE;
