@@ -11,6 +11,7 @@ from starlette.testclient import TestClient
 from test_console import ACCESS, GOOD, JSON, ORIGIN
 
 import kcm
+from kincal.console import shelf
 from kincal.console.app import Console, make_app
 from kincal.console.desk import Desk
 from kincal.console.geometry import Geometry
@@ -178,3 +179,8 @@ def until(what, seconds=20.0):
     while not what():
         assert time.monotonic() < deadline
         time.sleep(0.02)
+
+
+def test_values_that_differ_in_their_last_digits_are_not_shown_as_the_same():
+    assert shelf._differing(0.11, 0.11000000000000001) == ("0.11", "0.11000000000000001")
+    assert shelf._differing(0.1, 0.2) == ("0.1", "0.2") and shelf._differing(None, 2.0) == ("absent", "2")

@@ -289,12 +289,15 @@ void test_only_an_image_with_a_value_beside_the_standard_has_the_end(void)
 /* There would be two images of one table. */
 void test_an_image_that_says_the_standard_at_its_end_is_refused(void)
 {
-    const double rest_part = 0.01, power = 0.99;
-    s_c.rest_part = 0.02;
-    s_c.no_change_power = power;
+    uint8_t standard[8]; /* rest_part as an image has it */
+    s_c.rest_part = 0.01;
+    s_c.no_change_power = 0.9;
     const uint32_t n = walked(KC_WALK_WRITE, &s_c, 0u).pos;
-    TEST_ASSERT_EQUAL_MEMORY(&power, &s_image[n - 9u], sizeof power); /* little-endian, as the machine */
-    memcpy(&s_image[n - 17u], &rest_part, sizeof rest_part);
+    memcpy(standard, &s_image[n - 17u], sizeof standard);
+    s_c.rest_part = 0.02;
+    s_c.no_change_power = 0.99;
+    TEST_ASSERT_EQUAL_UINT32(n, walked(KC_WALK_WRITE, &s_c, 0u).pos);
+    memcpy(&s_image[n - 17u], standard, sizeof standard);
     const kc_walk_t w = walked(KC_WALK_READ, &s_c, n);
     TEST_ASSERT_EQUAL_UINT32(1u, w.n_bad);
     TEST_ASSERT_EQUAL_UINT32(88u, w.bad_field);

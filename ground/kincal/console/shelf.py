@@ -121,7 +121,7 @@ class Shelf:
             missing = "was not read back yet" if file.is_file() and to == READ else "is not there"
             raise BadInput(f"the {kind} table {missing}")
         mine, other, changes = tables.diff(file, there)
-        rows = [[c.path, _said(c.a), _said(c.b)] for c in changes[:_MOST_ROWS]]
+        rows = [[c.path, *_differing(c.a, c.b)] for c in changes[:_MOST_ROWS]]
         rest = len(changes) - len(rows)
         names = {FOLDER: "in the folder", MADE: "made here", READ: "read back"}
         heads = f"<field|<{names[of]}|<{names[to]}"
@@ -198,6 +198,12 @@ def _crc(file: Path) -> int | None:
         return tables.load(file)[0].crc
     except KincalError:
         return None
+
+
+def _differing(a: Any, b: Any) -> tuple[str, str]:
+    """Both values, with all digits where fewer would make them look the same."""
+    short = _said(a), _said(b)
+    return short if short[0] != short[1] else (str(a), str(b))
 
 
 def _said(value: Any) -> str:
