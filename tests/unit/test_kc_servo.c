@@ -5,6 +5,7 @@
 #include "given_tables.h"
 #include "kc_dls.h"
 #include "kc_servo.h"
+#include "kc_vec.h"
 #include "unity.h"
 
 static kc_arm_t s_arm, s_true;
@@ -77,6 +78,29 @@ void test_a_turn_alone_can_be_too_much(void)
         }
     }
     TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
+}
+
+/* Every axis of the position, every axis of the turn, each with its own tolerance. */
+void test_every_axis_counts_in_the_tolerances(void)
+{
+    s_opt.tol_pos_m = 0.02;
+    s_opt.tol_rot_rad = 0.01;
+    kc_arm_fk(&s_arm, s_q, &s_seen);
+    for (uint32_t k = 0u; k < 6u; k++) {
+        for (uint32_t beyond = 0u; beyond < 2u; beyond++) {
+            const double by = (beyond == 1u ? 1.01 : 0.99) * (k < 3u ? 0.02 : 0.01);
+            double w[3] = {0.0}, E[9];
+            s_goal = s_seen;
+            if (k < 3u) {
+                s_goal.p_m[k] += by;
+            } else {
+                w[k - 3u] = by;
+                kc_R_exp(w, E);
+                kc_m3_mul(E, s_seen.R, s_goal.R);
+            }
+            TEST_ASSERT_EQUAL_INT(beyond == 0u, step(NULL) == KC_SERVO_THERE);
+        }
+    }
 }
 
 void test_a_good_model_is_there_after_few_steps(void)

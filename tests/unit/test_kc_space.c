@@ -254,6 +254,17 @@ void test_a_candidate_off_the_unit_norm_is_refused(void)
     expect_refused(3, 1.00001);
 }
 
+void test_a_quaternion_shorter_or_longer_than_one_is_refused(void)
+{
+    for (uint32_t k = 0u; k < 8u; k++) {
+        const float norm = k % 2u == 0u ? 0.999f : 1.001f;
+        memset(s_s.cand[4].q_wxyz, 0, sizeof s_s.cand[4].q_wxyz);
+        s_s.cand[4].q_wxyz[k / 2u] = norm;
+        expect_refused(4, (double)norm);
+        given_space(&s_s, 9u, 1u);
+    }
+}
+
 void test_a_seed_outside_the_joint_limits_is_refused(void)
 {
     s_s.cand[8].q_seed[4] = 1.25f;
