@@ -45,11 +45,11 @@ def nested(models: NestedModels, reachable_m: float | None = None) -> go.Figure:
     figure.update_annotations(font={"size": theme.FONT_PX})
     for column, block in enumerate(blocks, 1):
         figure.add_trace(_errors(models.of(block)), row=1, col=column)
-        for value_m, label, colour in _lines(models, reachable_m if column == 1 else None):
+        for level, (value_m, label, colour) in enumerate(_lines(models, reachable_m if column == 1 else None)):
             style = {"color": colour, "dash": "dash", "width": 1.5}
             figure.add_vline(value_m * 1e3, line=style, row=1, col=column)
             if column == 1:
-                figure.add_annotation(_line_label(value_m, label, colour))
+                figure.add_annotation(_line_label(value_m, label, colour, level))
     figure.update_yaxes(autorange="reversed", showgrid=False, ticks="", type="category")
     return figure.update_xaxes(type="log", range=_log_range(models, reachable_m), tickvals=_ticks(models),
                                title_text="position RMS [mm]")  # fmt: skip
@@ -76,12 +76,13 @@ def _lines(models: NestedModels, reachable_m: float | None) -> Iterator[tuple[fl
         yield reachable_m, "reachable", theme.GREEN
 
 
-def _line_label(value_m: float, label: str, colour: str) -> dict[str, object]:
-    """Beside a line of the first column; on a logarithmic axis it stands at the logarithm."""
+def _line_label(value_m: float, label: str, colour: str, level: int) -> dict[str, object]:
+    """Beside a line of the first column; on a logarithmic axis it stands at the logarithm. level: rows above
+    the axis, so that labels of lines that are close do not cover each other."""
     return {
         "x": float(np.log10(value_m * 1e3)), "y": 0, "xref": "x", "yref": "y domain", "showarrow": False,
         "text": f"{label} {value_m * 1e3:.3g}", "font": {"size": 11, "color": colour}, "xanchor": "left",
-        "yanchor": "bottom", "xshift": 3,
+        "yanchor": "bottom", "xshift": 3, "yshift": 13 * level,
     }  # fmt: skip
 
 
