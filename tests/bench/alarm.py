@@ -1,6 +1,6 @@
 """From the alarm of the monitor to a calibrated arm: how many poses?
 
-    python tests/bench/alarm.py [--cases one two wrong] [--seeds 40] [--first 2001] [--plain] [--out FILE]
+    python tests/bench/alarm.py [--cases one two wrong] [--seeds 40] [--first 2001] [--plain] [--out FOLDER]
 
 Somebody operates the arm and takes frames at candidates until the monitor names joints; the arm goes to the
 park pose, and START asks for a calibration from what is suspected (--plain: without, to compare).
@@ -18,13 +18,11 @@ Cases
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
+import cases
 import numpy as np
-import resumable
 import study
 
 import kcm
@@ -44,7 +42,6 @@ TICK_US, SETTLE_TICKS, FRAME_TICKS = 100_000, 6, 5
 OBSERVATIONS_MAX, POSES = 12, 4  # before the alarm; besides the local initial poses
 LIMIT_MM, LIMIT_MRAD = 1.0, 5.0
 LEFT = {"phi_rad": 1e-4, "alpha_rad": 1e-4, "a_m": 5e-5, "d_m": 5e-5}
-Job = tuple[str, bool, int]
 
 
 def scenarios_of(case: str, seed: int) -> tuple[Scenario, Scenario, list[int]]:
@@ -136,9 +133,9 @@ class Operation:
         yield SETTLE_TICKS
 
 
-def one(job: Job) -> dict[str, Any]:
-    """From power-up to the end of the calibration."""
-    case, plain, seed = job
+def case(seed: int, values: dict[str, Any]) -> dict[str, Any]:
+    """From power-up to the end of the calibration, as columns."""
+    case, plain = values["case"], values["plain"]
     before, scenario, slipped = scenarios_of(case, seed)
     witness, world, events = study.Witness(scenario, seed), [], Counter()
     named: dict[str, Any] = {}
@@ -180,8 +177,8 @@ def one(job: Job) -> dict[str, Any]:
     entries = witness.entries
     proposal = run.log.last_session.proposal if run.log.last_session else None
     chance = named.get("chance", [0.0] * 8)
-    return {
-        "case": case, "plain": plain, "seed": seed, "slipped": slipped, "end": witness.end,
+    return cases.columns({
+        "slipped": slipped, "end": witness.end,
         "alarm": operation[0].alarm, "observed": operation[0].observed, "chance": chance, **named,
         "dropped": events["CAL_SUSPECTS_DROPPED"], "doubt": events["CAL_DOUBT"],
         "mismatch": events["CAL_MODEL_MISMATCH"], "visits": [e["visits"] for e in entries],
@@ -189,7 +186,7 @@ def one(job: Job) -> dict[str, Any]:
         "mm": [e["mm"] for e in entries], "mrad": [e["mrad"] for e in entries], "contacts": run.contacts,
         "pred_mm": 1e3 * proposal.pred_pos_m if proposal else None,
         "p_fit": proposal.p_fit if proposal else None, "rank": proposal.rank if proposal else None,
-    }  # fmt: skip
+    })  # fmt: skip
 
 
 def become(world: World, other: World) -> None:
@@ -226,22 +223,13 @@ def summary(lines: list[dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    p = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    p = cases.options("alarm", __doc__, seeds=40, first=2001)
     p.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
-    p.add_argument("--seeds", type=int, default=40)
-    p.add_argument("--first", type=int, default=2001)
     p.add_argument("--plain", action="store_true", help="START without the suspects")
-    p.add_argument("--out", type=Path, default=study.ROOT / "build" / "alarm.jsonl")
     o = p.parse_args()
-    jobs = [(c, o.plain, seed) for seed in range(o.first, o.first + o.seeds) for c in o.cases]
-    known = resumable.read(o.out, resumable.header(TABLES))
-    lines = resumable.run_all(one, jobs, o.out, known, key_of, 1)
-    summary(lines)
-
-
-def key_of(line: dict[str, Any]) -> Job:
-    """The job of a line."""
-    return (line["case"], line["plain"], line["seed"])
+    axes = {"case": CASES, "plain": [False, True]}
+    wanted = lambda _seed, v: v["case"] in o.cases and v["plain"] == o.plain  # noqa: E731
+    summary(cases.fly(o, "alarm:case", axes, wanted))
 
 
 if __name__ == "__main__":

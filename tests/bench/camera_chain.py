@@ -1,6 +1,6 @@
 """Errors of the camera chain that flight does not estimate: are its stated errors true?
 
-    python tests/bench/camera_chain.py [--seeds 20] [--first 1] [--jobs 2] [--only CASE ...] [--out FILE]
+    python tests/bench/camera_chain.py [--seeds 20] [--first 1] [--jobs 2] [--only CASE ...] [--out FOLDER]
 
 Each run is a calibration by kincal.run.inprocess.simulate in which the camera is not where flight takes it
 to be. Cases
@@ -25,40 +25,29 @@ Checked
   runs independent).
 - exact, stated, three_sigma, drift: no correction became active with a true error beyond 4 times the
   predicted one, in the frame of CONFIG.
-One line per run goes to FILE at once; runs that are in it already are skipped. Exit status 1 if a check
-fails.
+Runs are cases of a campaign in FOLDER; a second start continues it. Exit status 1 if a check fails.
 """
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
-import time
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+import cases
+import missions
+import numpy as np
+from scipy.stats import chi2
 
-import numpy as np  # noqa: E402
-from scipy.stats import chi2  # noqa: E402
-
-ROOT = Path(__file__).resolve().parents[2]
-
-import missions  # noqa: E402
-import resumable  # noqa: E402
-
-from kincal.flight import tables as codec  # noqa: E402
-from kincal.run.inprocess import TABLES, Setup, simulate  # noqa: E402
-from kincal_sim.mechanics.arm import load_spec  # noqa: E402
-from kincal_sim.mechanics.plant import AtRest, turn  # noqa: E402
-from kincal_sim.randomness import generator  # noqa: E402
-from kincal_sim.scenario import Scenario  # noqa: E402
-from kincal_sim.transforms import rot, transform  # noqa: E402
-from kincal_sim.truth import true_coefficients  # noqa: E402
-from kincal_sim.vision.imagers import Imager, fast_imager  # noqa: E402
-from kincal_sim.world import World  # noqa: E402
+from kincal.flight import tables as codec
+from kincal.run.inprocess import TABLES, Setup, simulate
+from kincal_sim.mechanics.arm import load_spec
+from kincal_sim.mechanics.plant import AtRest, turn
+from kincal_sim.randomness import generator
+from kincal_sim.scenario import Scenario
+from kincal_sim.transforms import rot, transform
+from kincal_sim.truth import true_coefficients
+from kincal_sim.vision.imagers import Imager, fast_imager
+from kincal_sim.world import World
 
 CASES = (
     "exact",
@@ -76,6 +65,7 @@ CASES = (
 STATED = ("stated", "stated_no_floor")
 WITHIN = ("exact", "stated", "three_sigma", "drift")
 ACCEPT = ("auto", "policy")
+AXES = {"case": CASES, "scenario": missions.SCENARIOS, "accept": ACCEPT}
 NO_CHANGE, POOR = 0, 2  # proposal_t
 BEYOND = 4.0  # times the predicted error
 DRIFT_S = 400.0
@@ -192,10 +182,9 @@ def seen_by(chain: Chain, t_s: float) -> missions.Seen:
     return seen
 
 
-def fly(job: tuple[str, str, str, int]) -> dict:
-    """One calibration."""
-    case, name, accept, seed = job
-    begun = time.process_time()
+def case(seed: int, values: dict[str, str]) -> dict:
+    """One calibration, as columns."""
+    case, name, accept = (values[key] for key in AXES)
     number = 10_000 * CASES.index(case) + 1000 * missions.SCENARIOS.index(name) + seed
     chain, scenario = drawn(case, generator(number, "camera chain")), missions.scenario_of(name, number)
     setup = Setup(
@@ -204,11 +193,11 @@ def fly(job: tuple[str, str, str, int]) -> dict:
         world=lambda s, n: ChainWorld(s, n, chain),
     )
     run = simulate(scenario, number, setup)
-    line = {"case": case, "scenario": name, "accept": accept, "seed": seed, "reason": run.record["reason"]}
+    line = {"reason": run.record["reason"]}
     if run.log.sessions and (p := run.log.last_session.proposal) is not None:
         line |= judged(p, scenario, number, seen_by(chain, run.mission_s))
         line["active"] = run.record["table_crc_kin"] == f"{p.crc & 0xFFFFFFFF:08x}"
-    return line | {"cpu_s": round(time.process_time() - begun, 2)}
+    return cases.columns(line)
 
 
 def judged(p, scenario: Scenario, number: int, seen: missions.Seen) -> dict:
@@ -267,24 +256,12 @@ def _row(cell: tuple[str, str], own: list[dict]) -> bool:
 
 def main(argv: list[str] | None = None) -> int:
     """The bench; exit status as above."""
-    p = argparse.ArgumentParser(prog="camera_chain.py", description=(__doc__ or "").split("\n")[0])
-    p.add_argument("--seeds", type=int, default=20)
-    p.add_argument("--first", type=int, default=1, help="first seed")
-    p.add_argument("--jobs", type=int, default=2)
+    p = cases.options("camera_chain", __doc__, seeds=20)
     p.add_argument("--only", nargs="*", default=CASES, choices=CASES)
     p.add_argument("--accept", nargs="*", default=ACCEPT, choices=ACCEPT)
-    p.add_argument("--out", type=Path, default=ROOT / "build" / "camera_chain.jsonl")
     o = p.parse_args(argv)
-    seeds = range(o.first, o.first + o.seeds)
-    jobs = [(c, s, a, n) for n in seeds for c in o.only for s in missions.SCENARIOS for a in o.accept]
-    try:
-        known = resumable.read(o.out, resumable.header(TABLES))
-    except resumable.OtherRuns as e:
-        print(e, file=sys.stderr)
-        return 2
-    lines = resumable.run_all(
-        fly, jobs, o.out, known, lambda x: (x["case"], x["scenario"], x["accept"], x["seed"]), o.jobs
-    )
+    wanted = lambda _seed, v: v["case"] in o.only and v["accept"] in o.accept  # noqa: E731
+    lines = cases.fly(o, "camera_chain:case", AXES, wanted)
     return 0 if summary(lines) else 1
 
 

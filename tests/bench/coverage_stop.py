@@ -1,7 +1,7 @@
 """Calibrations that stop when good enough: is the error within the bound that flight states?
 
     python tests/bench/coverage_stop.py [--seeds 60] [--first 1] [--jobs 2] [--cases stated ...]
-                                        [--set FIELD=VALUE ...] [--out FILE]
+                                        [--set FIELD=VALUE ...] [--out FOLDER]
 
 Each run is a calibration by kincal.run.inprocess.simulate with a required accuracy in CONFIG (SETTINGS,
 which --set changes), up to its proposal. The proposal states the error of the tool over the search space,
@@ -17,46 +17,38 @@ Cases, by what is wrong with the camera chain
 
 Printed: share of the runs inside the bound with its 95 % interval (Clopper-Pearson), for position and
 rotation; how runs ended; poses, seconds and error at the stop; of arms that need no correction, how many
-ended with no change and how far off they truly are. One line per run goes to FILE at once; a second start
+ended with no change and how far off they truly are. Runs are cases of a campaign in FOLDER; a second start
 continues it. Exit status 1 unless the share of the case stated, what the statement is about, is 85 to 95
 % in position and in rotation.
 """
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+import camera_chain
+import cases
+import missions
+import numpy as np
+import study
+from scipy.stats import binomtest
 
-import camera_chain  # noqa: E402
-import missions  # noqa: E402
-import numpy as np  # noqa: E402
-import resumable  # noqa: E402
-import study  # noqa: E402
-from scipy.stats import binomtest  # noqa: E402
+from kincal.flight import event_name
+from kincal.link.names import ended_text
+from kincal.run.inprocess import TABLES, Setup, Tick, simulate
+from kincal.space import SpaceTable
+from kincal_sim.randomness import generator
+from kincal_sim.scenario import Scenario
+from kincal_sim.truth import true_coefficients
 
-from kincal.flight import event_name  # noqa: E402
-from kincal.link.names import ended_text  # noqa: E402
-from kincal.run.inprocess import TABLES, Setup, Tick, simulate  # noqa: E402
-from kincal.space import SpaceTable  # noqa: E402
-from kincal_sim.randomness import generator  # noqa: E402
-from kincal_sim.scenario import Scenario  # noqa: E402
-from kincal_sim.truth import true_coefficients  # noqa: E402
-
-ROOT = Path(__file__).resolve().parents[2]
 SCENARIOS = ("paper", "uniform", "two_biases", "slipped", "healthy")
 CASES = ("stated", "stated_no_floor", "exact")
 SETTINGS: dict[str, float] = {"stop_pos_m": 0.0025, "stop_rot_rad": 0.005}
 NO_FLOOR: dict[str, float] = {"sigma_pos_min_m": 1e-9, "sigma_rot_min_rad": 1e-9}
 WITHIN = (0.85, 0.95)
 LANDER, NO_CHANGE = 1, 0
-Job = tuple[str, str, int, str]  # case, scenario, seed, settings in words
 
 
 class SpaceTruth:
@@ -82,13 +74,13 @@ class SpaceTruth:
         return float(np.sqrt(np.mean(off_m**2))), float(np.sqrt(np.mean(off_rad**2)))
 
 
-def fly(job: Job) -> dict:
-    """One calibration, up to its proposal."""
-    case, name, seed, words = job
+def case(seed: int, values: dict[str, str]) -> dict:
+    """One calibration, up to its proposal, as columns. values: case, scenario, set (settings in words)."""
+    case, name, words = values["case"], values["scenario"], values["set"]
     scenario = study.scenario_of(name, seed)
     chain = camera_chain.drawn("exact" if case == "exact" else "stated", generator(seed, f"chain {name}"))
     settings = SETTINGS | study.read_settings(words) | (NO_FLOOR if case == "stated_no_floor" else {})
-    line: dict = {"case": case, "scenario": name, "seed": seed, "skipped": 0}
+    line: dict = {"skipped": 0}
     found: list = []
 
     def each_tick(tick: Tick) -> bool:
@@ -106,7 +98,7 @@ def fly(job: Job) -> dict:
     simulate(scenario, seed, setup, each_tick=each_tick)
     for p, t_s in found:
         line |= judged(p, scenario, camera_chain.seen_by(chain, t_s)) | {"seconds": t_s - line["start_s"]}
-    return {key: study.rounded(value) for key, value in line.items()}
+    return cases.columns({key: study.rounded(value) for key, value in line.items()})
 
 
 def _hear(line: dict, event: str, now_us: int) -> None:
@@ -124,9 +116,9 @@ def judged(p, scenario: Scenario, seen: missions.Seen) -> dict:
     """A proposal against the truth."""
     truth, where = SpaceTruth(scenario), None if p.frame == LANDER else seen
     pos_m, rot_rad = truth.error(p.value, where)
-    names = ("ended", "verdict", "n_poses", "n_checked", "pred_pos_m", "pred_rot_rad", "bound_pos_m")
+    names = ("verdict", "n_poses", "n_checked", "pred_pos_m", "pred_rot_rad", "bound_pos_m")
     names += ("bound_rot_rad", "pred_noise_pos_m", "noise_scale", "p_fit", "p_no_change", "dof", "n_outliers")
-    said = {name: getattr(p, name) for name in names}
+    said = {name: getattr(p, name) for name in names} | {"ended": ended_text(p.ended)}
     before = truth.error([0.0] * p.n_coef, where)
     return said | {"pos_m": pos_m, "rot_rad": rot_rad, "before_pos_m": before[0], "before_rot_rad": before[1]}
 
@@ -161,7 +153,7 @@ def _row(name: str, lines: Sequence[dict]) -> str:
     visits = [x["n_poses"] + x["skipped"] for x in lines]
     seconds = np.median([x["seconds"] for x in lines])
     mm = [1e3 * np.median([x[k] for x in lines]) for k in ("pos_m", "pred_pos_m", "bound_pos_m")]
-    ended = Counter(ended_text(x["ended"]) for x in lines)
+    ended = Counter(x["ended"] for x in lines)
     none = sum(x["verdict"] == NO_CHANGE for x in lines)
     return (
         f"  {name:10s} {len(lines):4d} inside, position and rotation: {shares}; visits median "
@@ -172,24 +164,15 @@ def _row(name: str, lines: Sequence[dict]) -> str:
 
 def main(argv: list[str] | None = None) -> int:
     """The bench; exit status as above."""
-    p = argparse.ArgumentParser(prog="coverage_stop.py", description=(__doc__ or "").split("\n")[0])
-    p.add_argument("--seeds", type=int, default=60)
-    p.add_argument("--first", type=int, default=1)
-    p.add_argument("--jobs", type=int, default=2, help="processes")
+    p = cases.options("coverage_stop", __doc__, seeds=60)
     p.add_argument("--cases", nargs="+", choices=CASES, default=["stated"])
     p.add_argument("--scenarios", nargs="+", choices=SCENARIOS, default=list(SCENARIOS))
     p.add_argument("--set", nargs="+", default=[], metavar="FIELD=VALUE", help="of CONFIG")
-    p.add_argument("--out", type=Path, default=ROOT / "build" / "coverage_stop.jsonl")
     o = p.parse_args(argv)
     words = study.settings_text(study.read_settings(" ".join(o.set)))
-    try:
-        known = resumable.read(o.out, resumable.header(TABLES, settings=words))
-    except resumable.OtherRuns as e:
-        print(e, file=sys.stderr)
-        return 2
-    jobs = [(c, s, o.first + k, words) for k in range(o.seeds) for c in o.cases for s in o.scenarios]
-    key = lambda x: (x["case"], x["scenario"], x["seed"], words)  # noqa: E731
-    lines = resumable.run_all(fly, jobs, o.out, known, key, o.jobs)
+    wanted = lambda _seed, v: v["case"] in o.cases and v["scenario"] in o.scenarios  # noqa: E731
+    axes = {"case": CASES, "scenario": SCENARIOS}
+    lines = cases.fly(o, "coverage_stop:case", axes, wanted, {"set": words})
     return 0 if summary(lines) else 1
 
 

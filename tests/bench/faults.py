@@ -1,11 +1,11 @@
 """Faults between flight and its surroundings: does anything wrong become active, does anything hang?
 
-    python tests/bench/faults.py [--seeds 2] [--first 1] [--jobs 2] [--only NAME ...] [--out FILE] [--write]
+    python tests/bench/faults.py [--seeds 2] [--first 1] [--jobs 2] [--only NAME ...] [--out FOLDER] [--write]
 
 Each kind of fault_kinds.py is flown in each scenario of missions.py with each seed by
 kincal.run.inprocess.simulate: a whole calibration with POSES poses besides the local initial ones, the
 simulator's executive accepting within its limits. Seed and scenario draw the onset, between 6 and 60 s of
-mission time, and the fault's own numbers. One line per run goes to FILE at once; a second start continues it.
+mission time, and the fault's own numbers. Runs are cases of a campaign in FOLDER; a second start goes on.
 
 Judged, by MuJoCo and from messages and stored images, not by flight's own verdicts
 - wrong: a correction was active whose tool position, RMS over postures that were not measured and in the
@@ -20,43 +20,35 @@ Judged, by MuJoCo and from messages and stored images, not by flight's own verdi
   can act on says so: one of the events that the kind names, with a next step in the dictionary; or the
   executive's reason, where only its own link is broken.
 
-Prints one line for each kind. Exit status 1 if anything of this happened, 2 if FILE belongs to another flight
-core or other tables. --write puts the table into docs/ASSURANCE.md.
+Prints one line for each kind. Exit status 1 if anything of this happened, 2 if FOLDER belongs to other
+software or other tables. --write puts the table into docs/ASSURANCE.md.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+import cases
+import missions
+from fault_kinds import KEY, KIN, KINDS, Fault, Kind
 
-
-ROOT = Path(__file__).resolve().parents[2]
-
-import missions  # noqa: E402
-import resumable  # noqa: E402
-from fault_kinds import KEY, KIN, KINDS, Fault, Kind  # noqa: E402
-
-from kincal.flight import library  # noqa: E402
-from kincal.flight import tables as codec  # noqa: E402
-from kincal.link import unsigned32  # noqa: E402
-from kincal.run.inprocess import Hooks, Message, Setup, SimulatedRun, Tick, simulate  # noqa: E402
-from kincal.run.onboard import FlightSoftware  # noqa: E402
-from kincal_sim.executive import Executive  # noqa: E402
-from kincal_sim.randomness import generator  # noqa: E402
-from kincal_sim.scenario import Scenario  # noqa: E402
+from kincal.flight import library
+from kincal.flight import tables as codec
+from kincal.link import unsigned32
+from kincal.run.inprocess import Hooks, Message, Setup, SimulatedRun, Tick, simulate
+from kincal.run.onboard import FlightSoftware
+from kincal_sim.executive import Executive
+from kincal_sim.randomness import generator
+from kincal_sim.scenario import Scenario
 
 POSES = 6
-TABLES = ROOT / "tables" / "bin"
+ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "ASSURANCE.md"
 ONSET_TICKS = (60, 600)
 LIMIT_S = 1800.0
@@ -133,9 +125,6 @@ class Verdict:
     """One run. ended: how, in words; went_on: as without the fault; wrong, lost, hang, silent: what must
     not be, "" if it is not."""
 
-    kind: str
-    scenario: str
-    seed: int
     onset_s: float
     ended: str
     went_on: bool
@@ -145,7 +134,6 @@ class Verdict:
     hang: str
     silent: str
     mission_s: float
-    cpu_s: float
 
     @property
     def faults(self) -> list[str]:
@@ -193,19 +181,15 @@ def undisturbed(name: str, seed: int) -> tuple[dict, Witness]:
     return record, witness
 
 
-def one(job: tuple[str, str, int]) -> Verdict:
+def one(name: str, scenario: str, seed: int) -> Verdict:
     """Fly one kind in one scenario with one seed, and judge it."""
-    name, scenario, seed = job
-    kind, begun_s = next(k for k in KINDS if k.name == name), time.process_time()
+    kind = next(k for k in KINDS if k.name == name)
     rng = generator(seed, f"fault {name} {scenario}")
     onset = int(rng.integers(*ONSET_TICKS))
     fault = kind.make(onset, rng)
     run, record, witness = fly(scenario, seed, fault.hooks)
     ended = f"{record.get('reason', 'the executive did not end')}"
     return Verdict(
-        name,
-        scenario,
-        seed,
         onset / 10,
         ended,
         ended == undisturbed(scenario, seed)[0]["reason"],
@@ -215,13 +199,12 @@ def one(job: tuple[str, str, int]) -> Verdict:
         hang(run, record, witness),
         silent(kind, (scenario, seed), record, witness),
         round(run.mission_s, 1),
-        round(time.process_time() - begun_s, 2),
     )
 
 
-def line_of(job: tuple[str, str, int]) -> dict:
-    """Fly and judge; for the file of runs."""
-    return asdict(one(job))
+def case(seed: int, values: dict) -> dict:
+    """The same as columns; kind and scenario are among the values."""
+    return cases.columns(asdict(one(values["kind"], values["scenario"], seed)))
 
 
 # ---- judging
@@ -339,12 +322,8 @@ def write(lines: list[dict], seeds: int) -> None:
 
 def options(argv: list[str] | None) -> argparse.Namespace:
     """The command line."""
-    p = argparse.ArgumentParser(prog="faults.py", description=(__doc__ or "").split("\n")[0])
-    p.add_argument("--seeds", type=int, default=2)
-    p.add_argument("--jobs", type=int, default=2, help="processes")
+    p = cases.options("faults", __doc__, seeds=2)
     p.add_argument("--only", nargs="*", choices=[k.name for k in KINDS], metavar="NAME")
-    p.add_argument("--first", type=int, default=1, help="first seed")
-    p.add_argument("--out", type=Path, default=ROOT / "build" / "faults.jsonl")
     p.add_argument("--write", action="store_true", help="put the table into docs/ASSURANCE.md")
     return p.parse_args(argv)
 
@@ -352,17 +331,9 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 def main(argv: list[str] | None = None) -> int:
     """The campaign; exit status as above."""
     o = options(argv)
-    names = o.only or [k.name for k in KINDS]
-    seeds = range(o.first, o.first + o.seeds)
-    jobs = [(name, scenario, seed) for seed in seeds for scenario in missions.SCENARIOS for name in names]
-    try:
-        known = resumable.read(o.out, resumable.header(TABLES, poses=POSES))
-    except resumable.OtherRuns as e:
-        print(e, file=sys.stderr)
-        return 2
-    lines = resumable.run_all(
-        line_of, jobs, o.out, known, lambda v: (v["kind"], v["scenario"], v["seed"]), o.jobs
-    )
+    axes = {"scenario": missions.SCENARIOS, "kind": [k.name for k in KINDS]}
+    wanted = lambda _seed, values: values["kind"] in (o.only or axes["kind"])  # noqa: E731
+    lines = cases.fly(o, "faults:case", axes, wanted, {"poses": POSES})
     print(table(lines))
     bad = [v for v in lines if any(v[what] for what in BAD)]
     for v in bad:

@@ -1,11 +1,10 @@
 """Many recalibrations of wrong arms: does anything touch, is any command not verified?
 
-    python tests/bench/montecarlo.py [--runs 1000] [--outside 1000] [--seed 1] [--jobs 2] [--out FILE]
+    python tests/bench/montecarlo.py [--runs 1000] [--outside 1000] [--seed 1] [--jobs 2] [--out FOLDER]
 
 Each is flown by kincal.run.inprocess.simulate: the flight core against the simulator in fast mode, without
-LCM and without processes. One line per run goes to FILE at once; runs that are in it already are skipped, so
-it can be stopped and started again. Exit status 1 if a criterion is missed, 2 if FILE belongs to another
-flight core or other tables.
+LCM and without processes, as a case of a campaign in FOLDER: it can be stopped and started again. Exit status
+1 if a criterion is missed, 2 if FOLDER belongs to other software or other tables.
 
 Sampled errors (run number and seed say which; the bounds are those of tables/src/space.toml [error_bounds])
 - inside: run 0 is the paper's set; then by run number in turn 6 of 10 `box`: all 28 DH errors even between
@@ -31,35 +30,28 @@ Checked
 """
 
 import argparse
-import os
 import sys
-import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+import cases
+import mujoco
+import numpy as np
 
-import mujoco  # noqa: E402
-import numpy as np  # noqa: E402
+from kincal.flight import event_name, library
+from kincal.link import unsigned32
+from kincal.run.inprocess import Script, Setup, Tick, command, simulate
+from kincal.space import SpaceTable, TablesFolder, error_bounds
+from kincal_shared.schema.dh import DH_FIELDS
+from kincal_shared.schema.space import read_description
+from kincal_sim.mechanics.arm import Arm
+from kincal_sim.randomness import generator
+from kincal_sim.scenario import ArmTruth, Scenario
+from kincal_sim.vision.imagers import fast_imager
+from kincal_sim.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
-
-import resumable  # noqa: E402
-
-from kincal.flight import event_name, library  # noqa: E402
-from kincal.link import unsigned32  # noqa: E402
-from kincal.run.inprocess import Script, Setup, Tick, command, simulate  # noqa: E402
-from kincal.space import SpaceTable, TablesFolder, error_bounds  # noqa: E402
-from kincal_shared.schema.dh import DH_FIELDS  # noqa: E402
-from kincal_shared.schema.space import read_description  # noqa: E402
-from kincal_sim.mechanics.arm import Arm  # noqa: E402
-from kincal_sim.randomness import generator  # noqa: E402
-from kincal_sim.scenario import ArmTruth, Scenario  # noqa: E402
-from kincal_sim.vision.imagers import fast_imager  # noqa: E402
-from kincal_sim.world import World  # noqa: E402
-
 TABLES = ROOT / "tables" / "bin"
 SPACE_TOML = ROOT / "tables" / "src" / "space.toml"
 TICK_US = 100_000
@@ -392,23 +384,24 @@ def _outcome(record: Record, ended: bool) -> str:
     return "ended without a proposal" if ended else "not finished in time"
 
 
-def one(job: tuple[str, int, int]) -> dict:
-    """A run by its number; everything about it as a line of the file."""
-    part, seed, run = job
-    cpu = time.process_time()
+def case(run: int, values: dict) -> dict:
+    """A run by its number; part and root (of all runs) are among the values."""
+    return cases.columns(one(values["part"], int(values["root"]), run))
+
+
+def one(part: str, seed: int, run: int) -> dict:
+    """A run by its number; everything about it."""
     kind, truth, resampled = sample(part, seed, run)
     record, world = fly(truth, 1000 * seed + run, CommandCheck())
     before_m, after_m = _errors_m(record, world, run)
     return {
         "part": part,
-        "run": run,
         "kind": kind,
         **_summary(record),
         "contacts": world.found,
         "before_m": round(before_m, 5),
         "after_m": None if after_m is None else round(after_m, 6),
         "mission_s": round(record.mission_s, 1),
-        "cpu_s": round(time.process_time() - cpu, 2),
         "resampled": resampled,
         "errors": {k: round(v, 5) for k, v in truth.errors.items()},
         "bias": {k: round(v, 5) for k, v in truth.encoder_bias_rad.items()},
@@ -444,11 +437,6 @@ def _summary(record: Record) -> dict:
 # ---- all of them ----------------------------------------------------------------------------------------
 
 
-def file_header(seed: int) -> dict:
-    """What a file of runs belongs to."""
-    return resumable.header(TABLES, seed=seed, bounds=bounds())
-
-
 def table(results: list[dict], part: str) -> list[str]:
     """Counts by kind of error, and every run that something is wrong with."""
     own = [r for r in results if r["part"] == part]
@@ -467,7 +455,7 @@ def table(results: list[dict], part: str) -> list[str]:
 
 
 def _row(kind: str, rows: list[dict]) -> str:
-    left = [r["after_m"] for r in rows if r["after_m"] is not None]
+    left = [r["after_m"] for r in rows if r.get("after_m") is not None]
     finished = sum(r["outcome"] == "finished" for r in rows)
     return (
         f"{kind:<7} {len(rows):4d} {finished:8d} {len(rows) - finished:7d} "
@@ -483,13 +471,13 @@ def _contacts(own: list[dict]) -> list[str]:
     lines = [f"contact in {n} runs: {pair}" for pair, n in pairs.most_common(12)]
     for r in (r for r in own if r["contacts"]):
         pair, first = min(r["contacts"].items(), key=lambda x: x[1]["t_s"])
-        lines.append(f"  run {r['run']} {r['kind']}: {pair} at {first['t_s']} s, {first} ({r['outcome']})")
+        lines.append(f"  run {r['seed']} {r['kind']}: {pair} at {first['t_s']} s, {first} ({r['outcome']})")
     return lines
 
 
 def _bad_commands(own: list[dict]) -> list[str]:
     bad = (r for r in own if r["n_limits"] or r["n_unverified"])
-    return [f"  run {r['run']} {r['kind']}: {(r['limits'] + r['unverified'])[:2]}" for r in bad]
+    return [f"  run {r['seed']} {r['kind']}: {(r['limits'] + r['unverified'])[:2]}" for r in bad]
 
 
 def criteria(results: list[dict]) -> dict[str, bool]:
@@ -513,25 +501,22 @@ def criteria(results: list[dict]) -> dict[str, bool]:
 
 def options(argv: list[str] | None) -> argparse.Namespace:
     """The command line."""
-    p = argparse.ArgumentParser(prog="montecarlo.py", description=__doc__.split("\n")[0])
+    p = cases.options("montecarlo", __doc__)
     p.add_argument("--runs", type=int, default=1000, help="with errors inside the bounds")
     p.add_argument("--outside", type=int, default=1000, help="with errors outside the bounds")
-    p.add_argument("--seed", type=int, default=1)
-    p.add_argument("--jobs", type=int, default=2, help="processes")
-    p.add_argument("--out", type=Path, default=ROOT / "build" / "montecarlo.jsonl")
-    return p.parse_args(argv)
+    p.add_argument("--seed", dest="root", type=int, default=1)
+    o = p.parse_args(argv)
+    o.first, o.seeds = 0, max(o.runs, o.outside)
+    return o
 
 
 def main(argv: list[str] | None = None) -> int:
     o = options(argv)
-    try:
-        known = resumable.read(o.out, file_header(o.seed))
-    except resumable.OtherRuns as e:
-        print(e, file=sys.stderr)
-        return 2
-    jobs = [("inside", o.seed, k) for k in range(o.runs)] + [("outside", o.seed, k) for k in range(o.outside)]
-    results = resumable.run_all(one, jobs, o.out, known, lambda r: (r["part"], o.seed, r["run"]), o.jobs)
-    for part in ("inside", "outside"):
+    number = {"inside": o.runs, "outside": o.outside}
+    settings = {"root": o.root, **bounds()}  # bounds: so that runs with others are not mixed
+    axes, wanted = {"part": list(number)}, lambda run, values: run < number[values["part"]]
+    results = cases.fly(o, "montecarlo:case", axes, wanted, settings)
+    for part in number:
         if any(r["part"] == part for r in results):
             print("\n".join(table(results, part)) + "\n")
     met = criteria(results)

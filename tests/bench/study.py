@@ -1,11 +1,11 @@
 """How many poses, seconds and joules does a calibration take, by each way of choosing its poses?
 
     python tests/bench/study.py [--designs ucb dopt ...] [--scenarios paper ...] [--seeds 40] [--first 1]
-                                [--jobs 2] [--set FIELD=VALUE ...] [--pixels] [--out FILE] [--write]
+                                [--jobs 2] [--set FIELD=VALUE ...] [--pixels] [--out FOLDER] [--write]
 
 A design is an acquisition with settings of CONFIG (DESIGNS, below). Each is flown in each scenario with each
 seed by kincal.run.inprocess.simulate, from START to the proposal: flight core, the shipped tables, the
-simulator in fast mode. One line per run goes to FILE at once; a second start continues it. --set changes
+simulator in fast mode. Runs are cases of a campaign in FOLDER; a second start continues it. --set changes
 fields of CONFIG in all designs (est.rank_tol=1e-5 for a nested one). --pixels draws, compresses and detects
 the frames that are measured (pixels.py). --write puts tables into docs/STUDY.md and figures into docs/img.
 Designs of other makers fly nothing: study_outside.py.
@@ -34,21 +34,20 @@ import os
 import shutil
 import sys
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+import cases  # noqa: E402
 import missions  # noqa: E402
 import montecarlo  # noqa: E402
 import numpy as np  # noqa: E402
 import pixels  # noqa: E402
-import resumable  # noqa: E402
 import study_outside  # noqa: E402
 import study_report  # noqa: E402
 from study_report import Line, Study  # noqa: E402
@@ -338,13 +337,15 @@ class Witness:
         self.entries.append({k: rounded(v) for k, v in entry.items()})
 
 
+def case(seed: int, values: dict[str, Any]) -> Line:
+    """A calibration as columns. values: design, scenario, set (settings in words), pixels."""
+    job = (values["design"], settings_of(values["design"], values["set"]), values["scenario"], seed)
+    return cases.columns(one(job, values["pixels"]))
+
+
 def one(job: Job, drawn: bool = False) -> Line:
-    """A calibration, as a line of the file of runs."""
-    design, settings, scenario, seed = job
-    begun = time.process_time()
-    found = outside(job) if design in OUTSIDE else fly(job, drawn)
-    which = {"design": design, "settings": settings, "scenario": scenario, "seed": seed}
-    return which | found | {"cpu_s": round(time.process_time() - begun, 2)}
+    """A calibration."""
+    return outside(job) if job[0] in OUTSIDE else fly(job, drawn)
 
 
 def outside(job: Job) -> Line:
@@ -418,18 +419,9 @@ def print_summary(study: Study) -> None:
 # ---- all of them -----------------------------------------------------------------------------------------
 
 
-def key_of(line: Line) -> Job:
-    """The job of a line."""
-    return (line["design"], line["settings"], line["scenario"], line["seed"])
-
-
-def jobs_of(o: argparse.Namespace) -> list[Job]:
-    """Seeds first, so that whoever stops the study has all designs on the same seeds."""
-    asked = read_settings(" ".join(o.set))
-    flown = {name: settings_text(design.settings | asked) for name, design in DESIGNS.items()}
-    settings = flown | dict.fromkeys(OUTSIDE, "")
-    seeds = range(o.first, o.first + o.seeds)
-    return [(d, settings[d], s, seed) for seed in seeds for s in o.scenarios for d in o.designs]
+def settings_of(design: str, asked: str) -> str:
+    """Settings of a design, with those that are asked for."""
+    return "" if design in OUTSIDE else settings_text(DESIGNS[design].settings | read_settings(asked))
 
 
 def prepare(o: argparse.Namespace) -> None:
@@ -437,35 +429,27 @@ def prepare(o: argparse.Namespace) -> None:
     for design in (d for d in o.designs if d in OUTSIDE):
         for uplinked in {scenario == "uplinked" for scenario in o.scenarios}:
             study_outside.sets(design, uplinked)
-    for _, settings, scenario, _ in jobs_of(o):
-        tables_of(scenario, settings)
+    for scenario in o.scenarios:
+        for design in o.designs:
+            tables_of(scenario, settings_of(design, " ".join(o.set)))
 
 
 def options(argv: list[str] | None) -> argparse.Namespace:
     """The command line."""
-    p = argparse.ArgumentParser(prog="study.py", description=(__doc__ or "").split("\n")[0])
+    p = cases.options("study", __doc__, seeds=40)
     p.add_argument("--designs", nargs="+", choices=ALL, default=ALL, metavar="NAME")
     p.add_argument("--scenarios", nargs="+", choices=list(SCENARIOS), default=list(SCENARIOS), metavar="NAME")
-    p.add_argument("--seeds", type=int, default=40)
-    p.add_argument("--first", type=int, default=1, help="first seed")
-    p.add_argument("--jobs", type=int, default=2, help="processes")
     p.add_argument("--set", nargs="+", default=[], metavar="FIELD=VALUE", help="of CONFIG, in all designs")
     p.add_argument("--pixels", action="store_true", help="frames that are measured are drawn and detected")
     p.add_argument("--write", action="store_true", help="tables into docs/STUDY.md, figures into docs/img")
     p.add_argument("--figures", type=Path, metavar="FOLDER", help="figures only, into a folder")
-    p.add_argument("--out", type=Path, default=ROOT / "build" / "study.jsonl")
     return p.parse_args(argv)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """The study; exit status 1 if figures could not be drawn, 2 if FILE belongs to another flight core or
-    other tables, a setting is no field of CONFIG, or figaroh is missing."""
+    """The study; exit status 1 if figures could not be drawn, 2 if FOLDER belongs to other software, tables
+    or settings, a setting is no field of CONFIG, or figaroh is missing."""
     o = options(argv)
-    try:
-        known = resumable.read(o.out, resumable.header(TABLES, **({"pixels": True} if o.pixels else {})))
-    except resumable.OtherRuns as e:
-        print(e, file=sys.stderr)
-        return 2
     try:
         prepare(o)
     except ValueError as e:
@@ -474,7 +458,10 @@ def main(argv: list[str] | None = None) -> int:
     except ImportError as e:
         print(f"{e}: make .venv/.stamp-bench installs it; or name other --designs", file=sys.stderr)
         return 2
-    lines = resumable.run_all(partial(one, drawn=o.pixels), jobs_of(o), o.out, known, key_of, o.jobs)
+    axes = {"scenario": list(SCENARIOS), "design": ALL}
+    wanted = lambda _seed, v: v["scenario"] in o.scenarios and v["design"] in o.designs  # noqa: E731
+    settings = {"set": settings_text(read_settings(" ".join(o.set))), "pixels": o.pixels}
+    lines = cases.fly(o, "study:case", axes, wanted, settings)
     study = study_of(lines)
     print_summary(study)
     if o.write:

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from scipy import stats
 
 from kincal import campaign
-from kincal.campaign import cluster, pool, statistics, store
+from kincal.campaign import cluster, function, pool, statistics, store
 from kincal.campaign import plan as plan_
 from kincal.cli import main
 from kincal.run import dispersed
@@ -56,7 +56,7 @@ def spec_file(folder, text=SPEC):
 def rows(folder):
     """All cases of a folder without timings, by index."""
     found = campaign.read(folder)
-    columns = {k: v for k, v in found.columns.items() if k not in store.TIMINGS}
+    columns = {k: v for k, v in found.columns.items() if k not in function.TIMINGS}
     return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
@@ -83,6 +83,12 @@ def whole(tmp_path_factory):
         ("seed = 7", "sed = 7", ("sed", "unknown key", "seed")),
         ('scenario = "healthy"', 'scenario = "helthy"', ("scenario", "no scenario 'helthy'", "healthy")),
         ('scenario = "healthy"', "", ("scenario", "is missing")),
+        (
+            'scenario = "healthy"',
+            'scenario = "healthy"\nfunction = "a:b"',
+            ("and a function too", "give one"),
+        ),
+        ("seed = 7", 'sampling = "combinations"', ("sampling", "only choices have combinations")),
         ("[-0.02, 0.02]", "[0.02, -0.02]", ("dispersion[1].uniform", "empty", "low below high")),
         ("[-0.02, 0.02]", "[0.02, 0.02]", ("empty",)),
         ("uniform = [-0.02, 0.02]", "", ("no distribution", "exactly one")),
@@ -378,6 +384,172 @@ def test_an_exception_is_an_outcome_with_its_text(whole, tmp_path):
     row = store.row_of(plan, pool.Answer(plan.case(3), found, 0.1))
     assert (row["ended"], row["reason"], row["after_pos_m"]) == ("died", found["error"], None)
     assert row["x.config.stop_pos_m"] == plan.case(3).changes["config.stop_pos_m"]
+
+
+# --------------------------------------------------------------------------- functions
+
+FUNCTION = """
+function = "flights:case"
+cases = 6
+seed = 5
+sampling = "combinations"
+set = { size = 2.0 }
+[[dispersion]]
+key = "arm"
+choice = ["left", "right"]
+[[dispersion]]
+key = "kind"
+choice = [1, 2, 3]
+"""
+FLIGHTS = """
+import os
+from numpy import bool_
+def case(seed, values):
+    if os.path.exists(os.path.join(os.path.dirname(__file__), "kill")) and values["kind"] == 2:
+        os._exit(9)
+    if values["kind"] == 3:
+        return {"length": values["kind"], "good": bool_(values["arm"] == "left"), "word": "far"}
+    return {"length": seed * values["size"] + 0.5, "good": values["arm"] == "left"}
+nothing = 7
+def nested(_seed, _values): return {"a": {"b": 1}}
+def no_dict(_seed, _values): return [1]
+def its_own(_seed, _values): return {"digest": "x"}
+def its_end(_seed, _values): return {"ended": "died"}
+def large(_seed, _values): return {"a": 2**63}
+def raises(_seed, _values): raise ValueError("out of range")
+def mixed(seed, values): return {"a": 1 if values["kind"] == 1 else "text"}
+"""
+
+
+def function_file(tmp_path, text=FUNCTION, flights=FLIGHTS):
+    """A campaign of a function, with its module beside it, which has a name of its own in this process."""
+    name = f"flights_{tmp_path.name.replace('-', '_')}"
+    (tmp_path / f"{name}.py").write_text(flights)
+    return spec_file(tmp_path, text.replace("flights:", f"{name}:"))
+
+
+def flown(tmp_path, text=FUNCTION, **options):
+    """The cases of such a campaign in a folder beside it."""
+    campaign.run(campaign.prepare(function_file(tmp_path, text)), tmp_path / "out", **options)
+    return rows(tmp_path / "out")
+
+
+def test_a_function_flies_all_combinations_with_each_seed(tmp_path):
+    found = flown(tmp_path, FUNCTION.replace("cases = 6", "cases = 9"), batch=2)
+    given = [(r["seed"], r["x.arm"], r["x.kind"]) for r in found]
+    once = [(arm, kind) for arm in ("left", "right") for kind in (1, 2, 3)]
+    assert given == [(5, *x) for x in once] + [(6, *x) for x in once[:3]]
+    assert [r["length"] for r in found] == [10.5, 10.5, 3.0] * 2 + [12.5, 12.5, 3.0]
+    assert [r["good"] for r in found] == [True] * 3 + [False] * 3 + [True] * 3
+    assert [r["word"] for r in found] == [None, None, "far"] * 3
+    assert {(r["ended"], r["reason"]) for r in found} == {("finished", "")}
+    again = campaign.replay(tmp_path / "out", 0)
+    assert again.differing == ()
+    with pytest.raises(BadInput, match="a function writes no log"):
+        campaign.replay(tmp_path / "out", 0, tmp_path / "log")
+
+
+def test_a_function_goes_on_with_more_cases_and_flies_those_that_are_asked_for(tmp_path, scheduler):
+    path = function_file(tmp_path)
+    text = path.read_text()
+    end = campaign.run(campaign.prepare(path), tmp_path / "out", indices=[1, 4])
+    assert (end.done, end.of, end.flown) == (2, 2, 2)
+    kept = store.parts(tmp_path / "out")[0].read_bytes()
+    end = campaign.run(campaign.prepare(path), tmp_path / "out", scheduler=scheduler, batch=10)
+    assert (end.done, end.of, end.flown) == (6, 6, 4)
+    assert store.parts(tmp_path / "out")[0].read_bytes() == kept
+    more = text.replace("cases = 6", "cases = 8")
+    end = campaign.run(campaign.prepare(spec_file(tmp_path, more)), tmp_path / "out")
+    assert (end.done, end.flown) == (8, 2)
+    found = rows(tmp_path / "out")
+    assert [r["index"] for r in found] == list(range(8))
+    fewer = text.replace("cases = 6", "cases = 3")
+    campaign.run(campaign.prepare(spec_file(tmp_path, fewer)), tmp_path / "out")
+    assert rows(tmp_path / "out") == found[:3]
+
+
+def test_what_the_cases_of_a_function_show(tmp_path):
+    flown(
+        tmp_path, FUNCTION + '[[requirement]]\nname = "r"\nholds = \'ended != "died"\'\nprobability = 0.5\n'
+    )
+    said = CliRunner().invoke(main, ["campaign", "report", str(tmp_path / "out"), "--outcome", "length"])
+    assert said.exit_code == 0, said.output
+    assert "6 of 6 cases, 0 died" in said.output
+    assert "length" in (tmp_path / "out" / "report.html").read_text()
+    said = CliRunner().invoke(main, ["campaign", "report", str(tmp_path / "out")])
+    assert said.exit_code == 2
+    assert "no number 'after_pos_m'" in said.output
+    assert "known: length" in said.output
+
+
+@pytest.mark.parametrize(
+    ("function_", "said"),
+    [
+        ("no_such_module:case", ("No module named 'no_such_module'", "write MODULE:FUNCTION")),
+        ("flights:missing", ("has no attribute 'missing'", "write MODULE:FUNCTION")),
+        ("flights:nothing", ("is no function",)),
+        ("flights", ("cannot be used",)),
+        (":case", ("cannot be used",)),
+    ],
+)
+def test_a_function_that_is_not_there_is_refused(tmp_path, function_, said):
+    path = function_file(tmp_path, FUNCTION.replace("flights:case", function_))
+    code, text = command(path, "--out", tmp_path / "out")
+    assert code == 2
+    for words in (f"{path}: function", *said):
+        assert words in text
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_module_that_cannot_be_read_is_refused(tmp_path):
+    path = function_file(tmp_path, flights="raise SystemExit(3)")
+    code, text = command(path, "--out", tmp_path / "out")
+    assert code == 2
+    assert "SystemExit: 3" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nested", "TypeError: a is of type dict; columns hold texts"),
+        ("no_dict", "TypeError: the function gave a list, not a dict"),
+        ("its_own", "TypeError: no column can be called 'digest'"),
+        ("its_end", "TypeError: ended is 'died'; a text is needed, other than 'died'"),
+        ("large", "TypeError: a is too large; columns hold"),
+        ("raises", "ValueError: out of range"),
+    ],
+)
+def test_a_function_that_gives_no_columns_is_an_outcome(tmp_path, name, said):
+    text = FUNCTION.replace(":case", f":{name}").replace("cases = 6", "cases = 1")
+    (row,) = flown(tmp_path, text)
+    assert row["ended"] == "died"
+    assert row["reason"].startswith(said)
+    assert row["x.arm"] == "left"
+
+
+def test_a_function_that_kills_its_process_is_an_outcome(tmp_path):
+    (tmp_path / "kill").write_text("")
+    found = flown(tmp_path)
+    assert [r["ended"] == "died" for r in found] == [False, True, False] * 2
+    assert "died 2 times, exit status 9" in found[1]["reason"]
+
+
+def test_a_column_of_two_types_ends_the_campaign_with_nothing_half_written(tmp_path):
+    text = FUNCTION.replace(":case", ":mixed")
+    with pytest.raises(BadInput, match="a is of type int in one case, of type str in another"):
+        flown(tmp_path, text, batch=6)
+    assert store.parts(tmp_path / "out") == []
+    with pytest.raises(BadInput, match="parts do not go together"):
+        flown(tmp_path, text, batch=1)
+
+
+def test_a_function_that_was_changed_is_not_mixed(tmp_path):
+    path = function_file(tmp_path)
+    plan = campaign.prepare(path)
+    campaign.run(plan, tmp_path / "out", indices=[0])
+    (tmp_path / f"{plan.spec.function.partition(':')[0]}.py").write_text(FLIGHTS + "# other\n")
+    with pytest.raises(BadInput, match=r"function: \w+ there, \w+ here"):
+        campaign.run(campaign.prepare(path), tmp_path / "out")
 
 
 # --------------------------------------------------------------------------- replay

@@ -110,4 +110,4 @@ def test_an_end_that_nothing_explains_is_found(calm):
     ],
 )
 def test_a_fault_makes_nothing_wrong_active_and_is_explained(name):
-    assert faults.one((name, "slipped", 1)).faults == []
+    assert faults.one(name, "slipped", 1).faults == []

@@ -1,12 +1,10 @@
 """The Monte Carlo of tests/bench: equal to a plain run, an evaluation that can fail, some of its runs."""
 
 import copy
-import json
 
 import montecarlo
 import numpy as np
 import pytest
-import resumable
 
 import kcm
 from kincal.run.inprocess import simulate
@@ -33,7 +31,7 @@ def test_the_monte_carlo_gives_the_same_correction_as_a_plain_run(checker):
 # 650); a tilted link was taken for straight and touched (216, 785).
 @pytest.mark.slow
 def test_some_recalibrations_touch_nothing_and_finish():
-    results = [montecarlo.one(("inside", 1, run)) for run in (4, 552, 650, 216, 785)]
+    results = [montecarlo.one("inside", 1, run) for run in (4, 552, 650, 216, 785)]
     assert montecarlo.criteria(results) == {
         "no command outside limits or verified segments": True,
         "inside the bounds: no contact": True,
@@ -48,7 +46,7 @@ def test_some_recalibrations_touch_nothing_and_finish():
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "run"), [(41, 901), (42, 318), (43, 478), (44, 903), (45, 570), (46, 958)])
 def test_arms_outside_the_bounds_that_stand_near_something_stop_in_time(seed, run):
-    result = montecarlo.one(("outside", seed, run))
+    result = montecarlo.one("outside", seed, run)
     assert result["outcome"] in ("aborted: model mismatch", "aborted: tags not detected")
     assert not result["contacts"]
     assert result["n_limits"] + result["n_unverified"] == 0
@@ -106,7 +104,7 @@ def test_contact_between_two_ticks_is_seen():
 def test_criteria_fail_on_what_must_not_happen():
     good = {
         "part": "inside",
-        "run": 0,
+        "seed": 0,
         "outcome": "finished",
         "contacts": {},
         "n_limits": 0,
@@ -122,16 +120,6 @@ def test_criteria_fail_on_what_must_not_happen():
     assert not held(good | {"part": "outside"} | touched)
     outside = [good | {"part": "outside"}] * 999
     assert held(*outside, good | {"part": "outside"} | touched)
-
-
-def test_runs_go_on_where_they_stopped(tmp_path):
-    file, header = tmp_path / "runs.jsonl", {"seed": 1}
-    assert resumable.read(file, header) == []
-    with open(file, "a") as f:
-        f.write(json.dumps({"part": "inside", "run": 0}) + '\n{"part": "ins')
-    assert resumable.read(file, header) == [{"part": "inside", "run": 0}]
-    with pytest.raises(resumable.OtherRuns):
-        resumable.read(file, {"seed": 2})
 
 
 @pytest.mark.parametrize("kind", sorted(set(montecarlo.KINDS_INSIDE)))

@@ -1,16 +1,16 @@
 """Campaigns: many cases of one scenario with dispersed values, flown on this computer or on a cluster.
 
 plan: the file, resolved and checked; the cases it makes. pool: worker processes on this computer. cluster:
-the same through dask.distributed. worker: the process that flies. store: the folder of a campaign. fly: start
-to end, and one case again. statistics: what the outcomes show. Each is loaded when it is first used: a worker
-needs none but its own."""
+the same through dask.distributed. worker: the process that flies. function: cases without a scenario. store:
+the folder of a campaign. fly: start to end, and one case again. statistics: what the outcomes show. Each is
+loaded when it is first used: a worker needs none but its own."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .fly import BATCH, Progress, Replayed, replay, run
-    from .plan import Plan, prepare
+    from .plan import Plan, planned, prepare
     from .statistics import Comparison, Report, compare, report
     from .store import Results, read
 
@@ -23,6 +23,7 @@ __all__ = [
     "Report",
     "Results",
     "compare",
+    "planned",
     "prepare",
     "read",
     "replay",
@@ -32,7 +33,7 @@ __all__ = [
 
 _HOME = {
     "fly": ("BATCH", "Progress", "Replayed", "replay", "run"),
-    "plan": ("Plan", "prepare"),
+    "plan": ("Plan", "planned", "prepare"),
     "statistics": ("Comparison", "Report", "compare", "report"),
     "store": ("Results", "read"),
 }

@@ -16,6 +16,7 @@ from kincal.run import dispersed
 from kincal_shared import installation
 from kincal_shared.errors import BadInput, CommandFailed
 
+from . import function
 from .plan import Case, Plan
 from .pool import Answer, Pool
 
@@ -26,16 +27,17 @@ GONE_S = 20.0  # without the scheduler
 _WAIT_S = 1.0
 
 
-def belongings(folders: list[str]) -> dict[str, Any]:
+def belongings(shared: dict[str, Any], folders: list[str]) -> dict[str, Any]:
     """What a worker would fly with: its software and tables."""
-    return {"software": dispersed.software(), "tables": [dispersed.crcs(Path(folder)) for folder in folders]}
+    software = function.software(shared["function"], Path(shared["beside"]))
+    return {"software": software, "tables": [dispersed.crcs(Path(folder)) for folder in folders]}
 
 
 def fly_task(
     shared: dict[str, Any], cases: list[Case], limit_s: float, folders: list[str], expected: dict[str, Any]
 ) -> dict[str, Any] | list[Answer]:
     """What a task does: answers, or the belongings of a worker that has others than expected."""
-    found = belongings(folders)
+    found = belongings(shared, folders)
     if found != expected:
         return found
     return list(Pool(1, shared, limit_s).fly(cases))
@@ -67,14 +69,15 @@ def _gone(address: str) -> CommandFailed:
 
 def _on(client: Any, plan: Plan, cases: Iterable[Case], address: str, batch: int) -> Iterator[Answer]:
     folders = sorted({str(plan.tables), *(name for name in plan.crcs if name)})
-    expected = belongings(folders)
-    threads = _checked_workers(client, folders, expected, address)
+    shared = plan.for_worker()
+    expected = belongings(shared, folders)
+    threads = _checked_workers(client, (shared, folders), expected, address)
     waiting, pending = iter(cases), set[Any]()
     watch = _Watch(client, address)
     try:
         while True:
             while len(pending) < QUEUED * threads and (some := list(islice(waiting, batch))):
-                given = (plan.for_worker(), some, plan.spec.time_limit_s, folders, expected)
+                given = (shared, some, plan.spec.time_limit_s, folders, expected)
                 pending.add(client.submit(fly_task, *given, pure=False))
             if not pending:
                 return
@@ -86,12 +89,13 @@ def _on(client: Any, plan: Plan, cases: Iterable[Case], address: str, batch: int
             client.cancel(list(pending))
 
 
-def _checked_workers(client: Any, folders: list[str], expected: dict[str, Any], address: str) -> int:
-    """How many threads the workers have. BadInput if there is none, or one would fly with something else."""
+def _checked_workers(client: Any, given: tuple[Any, ...], expected: dict[str, Any], address: str) -> int:
+    """How many threads the workers have. given: to belongings there. BadInput if there is none, or one would
+    fly with something else."""
     threads = client.nthreads()
     if not threads:
         raise BadInput("the scheduler has no workers", address, f"`dask worker {address}` starts one")
-    for worker, found in client.run(belongings, folders, on_error="return").items():
+    for worker, found in client.run(belongings, *given, on_error="return").items():
         if isinstance(found, BaseException):
             todo = "install the same kincal[campaign,sim] there, with the tables under the same path"
             raise BadInput(f"a worker cannot fly cases: {type(found).__name__}: {found}", worker, todo)

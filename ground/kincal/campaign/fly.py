@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +13,10 @@ from kincal.run import dispersed
 from kincal_shared.errors import BadInput, CommandFailed
 
 from . import cluster
+from .function import TIMINGS
 from .plan import Plan
 from .pool import Answer, Pool
-from .store import TIMINGS, Row, Store, plan_of, read, row_of, software_differences
+from .store import Row, Store, plan_of, read, row_of, software_differences
 
 BATCH = 20  # cases a part, and a task of a cluster
 KEEP_S = 30.0  # no finished case waits longer to be written
@@ -50,24 +51,25 @@ def run(
     scheduler: str = "",
     batch: int = BATCH,
     tick: Callable[[Progress], None] | None = None,
+    indices: Collection[int] | None = None,
 ) -> Progress:
     """Fly the cases of a campaign that its folder does not hold yet. scheduler: address of a dask scheduler
-    ("": processes of this computer); batch: cases a part and a task. An interruption (KeyboardInterrupt)
-    writes what is finished. BadInput if the folder belongs to something else, or the cluster cannot fly
-    it; CommandFailed if the disk is full or the scheduler goes away. Whatever ends it, the same call goes
-    on."""
+    ("": processes of this computer); batch: cases a part and a task; indices: of the cases to fly (None:
+    all). An interruption (KeyboardInterrupt) writes what is finished. BadInput if the folder belongs to
+    something else, or the cluster cannot fly it; CommandFailed if the disk is full or the scheduler goes
+    away. Whatever ends it, the same call goes on."""
     if scheduler and not cluster.LEAST <= batch <= cluster.MOST:
         todo = f"give {cluster.LEAST} to {cluster.MOST} cases a task"
         raise BadInput(f"{batch} cases a task", "--batch", todo)
     with Store(folder, plan) as store:
-        missing = (index for index in range(plan.spec.cases) if index not in store.done)
-        cases = plan.cases(list(missing))
+        asked = range(plan.spec.cases) if indices is None else indices
+        cases = plan.cases([index for index in asked if index not in store.done])
         if scheduler:
             answers = cluster.fly(plan, cases, scheduler, batch)
         else:
             answers = Pool(processes, plan.for_worker(), plan.spec.time_limit_s).fly(cases)
         with closing(cast("Any", answers)):
-            return _collect(plan, store, answers, batch, tick or _nobody)
+            return _collect(store, asked, answers, batch, tick or _nobody)
 
 
 def _nobody(_progress: Progress) -> None:
@@ -75,11 +77,16 @@ def _nobody(_progress: Progress) -> None:
 
 
 def _collect(
-    plan: Plan, store: Store, answers: Iterator[Answer], batch: int, tick: Callable[[Progress], None]
+    store: Store,
+    asked: Collection[int],
+    answers: Iterator[Answer],
+    batch: int,
+    tick: Callable[[Progress], None],
 ) -> Progress:
     begun_s = kept_s = time.monotonic()
     held: list[Answer] = []
     flown = died = 0
+    before = sum(index in store.done for index in asked)
 
     def keep() -> None:
         nonlocal held, kept_s
@@ -87,8 +94,7 @@ def _collect(
         store.write(rows)
 
     def progress() -> Progress:
-        done, took_s = len(store.done) + len(held), time.monotonic() - begun_s
-        return Progress(done, plan.spec.cases, flown, died, took_s)
+        return Progress(before + flown, len(asked), flown, died, time.monotonic() - begun_s)
 
     try:
         for answer in answers:
@@ -118,14 +124,18 @@ class Replayed:
 
 def replay(folder: Path, index: int, log: Path | None = None) -> Replayed:
     """Fly one case of a campaign again and compare it with what is stored, bit for bit. log: file for an LCM
-    log. BadInput if there is no such case, or the tables have changed."""
+    log. BadInput if there is no such case, the tables have changed, or a function should write a log."""
     stored, plan = read(folder).row(index), plan_of(folder)
     _same_tables(plan)
+    if log and plan.spec.function:
+        raise BadInput("a function writes no log", str(folder), "leave --log out")
     pool = Pool(1, plan.for_worker(), plan.spec.time_limit_s, str(log.absolute()) if log else "")
     answers = list(pool.fly(plan.cases([index])))
     if not answers:
         raise CommandFailed("the case gave no answer", str(folder))
     flown = row_of(plan, answers[0])
+    flown = dict.fromkeys(stored) | flown  # columns that other cases of a function have
+    stored = dict.fromkeys(flown) | stored
     differing = [name for name in stored if name not in TIMINGS and not _same(stored[name], flown[name])]
     return Replayed(stored, flown, tuple(differing), tuple(software_differences(folder)))
 

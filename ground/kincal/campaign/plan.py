@@ -10,6 +10,7 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from kincal.run.dispersed import TABLES_KEY, Value
 from kincal.run.inprocess import TABLES
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.campaign import Campaign, Dispersion, expanded, read_campaign
+
+from . import function
 
 Floats = NDArray[np.float64]
 _SEED, _VALUES, _SEQUENCE = 0, 1, 2  # last number of a spawn key: what the random numbers are for
@@ -41,10 +44,12 @@ class Case:
 
 @dataclass(frozen=True)
 class Plan:
-    """A campaign ready to fly. spec: its file; scenario: the whole scenario as plain values; tables:
-    folder with table images; crcs: theirs, and of the other folders that are dispersed."""
+    """A campaign ready to fly. spec: its file; beside: the folder of that; scenario: the whole scenario as
+    plain values, empty with a function; tables: folder with table images; crcs: theirs, and of the other
+    folders that are dispersed."""
 
     spec: Campaign
+    beside: Path
     scenario: dict[str, Any]
     tables: Path
     crcs: dict[str, dict[str, str]]
@@ -61,8 +66,10 @@ class Plan:
 
     def contents(self) -> dict[str, Any]:
         """Everything that the cases depend on, besides the software. Titles, requirements and the place of
-        the tables are not part of it."""
-        spec = self.spec.model_dump(exclude={"title", "requirement", "tables", "scenario"})
+        the tables are not part of it, nor is how many there are, where no case depends on that."""
+        out = {"title", "requirement", "tables", "scenario"}
+        alone = self.spec.sampling in ("random", "combinations")
+        spec = self.spec.model_dump(exclude=out | {"cases"} if alone else out)
         scenario = {k: v for k, v in self.scenario.items() if k not in ("name", "title", "expect")}
         contents: dict[str, Any] = json.loads(
             json.dumps({"spec": spec, "scenario": scenario, "tables": self.crcs})
@@ -74,8 +81,20 @@ class Plan:
         """SHA-256 of the contents."""
         return hashlib.sha256(json.dumps(self.contents(), sort_keys=True).encode()).hexdigest()
 
+    @property
+    def software(self) -> dict[str, str]:
+        """Everything else that they depend on."""
+        return function.software(self.spec.function, self.beside)
+
+    @cached_property
+    def combinations(self) -> int:
+        """How many combinations of choices there are."""
+        return prod(len(law.choice or ()) for _, law in self.laws)
+
     def seed(self, index: int) -> int:
-        """Seed of a case: flight takes 31 bits."""
+        """Seed of a case: flight takes 31 bits. Combinations that are compared have the same."""
+        if self.spec.sampling == "combinations":
+            return self.spec.seed + index // self.combinations
         sequence = np.random.SeedSequence(self.spec.seed, spawn_key=(index, _SEED))
         return int(sequence.generate_state(1)[0] >> 1)
 
@@ -97,6 +116,11 @@ class Plan:
 
     def case(self, index: int) -> Case:
         """A case by its index, from 0."""
+        if self.spec.sampling == "combinations":
+            choices = [law.choice or [] for _, law in self.laws]
+            at = np.unravel_index(index % self.combinations, [len(choice) for choice in choices])
+            chosen = {key: choice[int(k)] for key, choice, k in zip(self.keys, choices, at, strict=True)}
+            return Case(index, self.seed(index), {**self.spec.set, **chosen})
         point = np.clip(self._point(index), _END, 1.0 - _END)
         drawn = {key: _value(law, float(u)) for (key, law), u in zip(self.laws, point, strict=True)}
         return Case(index, self.seed(index), {**self.spec.set, **drawn})
@@ -108,9 +132,11 @@ class Plan:
     def for_worker(self) -> dict[str, Any]:
         """What a process needs to know that flies cases."""
         return {
+            "function": self.spec.function,
+            "beside": str(self.beside),
             "scenario": self.scenario,
             "tables": str(self.tables),
-            "software": dispersed.software(),
+            "software": self.software,
         }
 
 
@@ -130,16 +156,25 @@ def _value(law: Dispersion, u: float) -> Value:
 
 def prepare(path: Path) -> Plan:
     """Read a campaign and everything that it refers to. BadInput says what is wrong, and where."""
-    spec, beside = read_campaign(path), path.parent
+    return planned(read_campaign(path), path)
+
+
+def planned(spec: Campaign, path: Path) -> Plan:
+    """A campaign with everything that it refers to. path: the file that it is from. BadInput as above."""
+    beside = path.parent.resolve()
+    key = "function" if spec.function else "scenario"
     try:
-        scenario = dispersed.load(spec.scenario, beside)
+        if spec.function:
+            function.load(spec.function, beside)
+        scenario = {} if spec.function else dispersed.load(spec.scenario, beside)
     except BadInput as error:
-        raise BadInput(error.what, f"{path}: scenario", error.todo) from None
+        raise BadInput(error.what, f"{path}: {key}", error.todo) from None
     folder = dispersed.tables_of(beside / spec.tables if spec.tables else TABLES)
-    plan = Plan(_with_folders(spec, beside), scenario, folder, {"": dispersed.crcs(folder)})
-    others = {name: dispersed.crcs(Path(name)) for name in _folders(plan.spec)}
-    plan = Plan(plan.spec, scenario, folder, plan.crcs | others)
-    _check(plan, path)
+    spec = _with_folders(spec, beside)
+    crcs = {name: dispersed.crcs(Path(name or folder)) for name in ("", *_folders(spec))}
+    plan = Plan(spec, beside, scenario, folder, crcs)
+    if not spec.function:
+        _check(plan, path)
     return plan
 
 

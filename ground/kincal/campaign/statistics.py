@@ -21,7 +21,8 @@ from kincal_shared import installation
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.campaign import OUTCOME, Condition, Requirement
 
-from .store import DIED, DISPERSED, Results, Row
+from .function import DIED, DISPERSED
+from .store import Results, Row, is_outcome
 
 Floats = NDArray[np.float64]
 CONFIDENCE = 0.95  # two-sided, of what is no requirement
@@ -248,12 +249,12 @@ class Report:
 
 def report(results: Results, column: str = "after_pos_m", sobol: bool = False) -> Report:
     """What the cases show. BadInput if there is no number of that name in an outcome."""
-    numbers = [name for name, kind in OUTCOME.items() if kind in (float, int)]
+    numbers = [name for name in results.columns if is_outcome(name) and _is_number(results, name)]
     if column not in numbers:
         raise BadInput(f"an outcome has no number {column!r}", "--outcome", f"known: {', '.join(numbers)}")
     outcomes = list(results.outcomes())
     ends = Counter(_end(o) for o in outcomes)
-    shown = dict.fromkeys((column, *SHOWN))
+    shown = dict.fromkeys((column, *(name for name in SHOWN if name in numbers)))
     return Report(
         results,
         column,
@@ -266,9 +267,16 @@ def report(results: Results, column: str = "after_pos_m", sobol: bool = False) -
     )
 
 
+def _is_number(results: Results, column: str) -> bool:
+    if column in OUTCOME and not results.plan.spec.function:
+        return OUTCOME[column] in (float, int)
+    return any(type(value) in (float, int) for value in results.columns[column])
+
+
 def _end(outcome: Row) -> str:
     reason = _NUMBER.sub("…", outcome["reason"] or "")  # alike but for their numbers: the same end
-    return ": ".join(word for word in (outcome["ended"], outcome["verdict"], reason) if word)
+    words = (outcome["ended"], outcome.get("verdict"), reason)
+    return ": ".join(str(word) for word in words if word)
 
 
 def _worst(results: Results, column: str) -> Iterator[Bad]:

@@ -15,11 +15,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from kincal.run import dispersed
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.schema.campaign import OUTCOME, Campaign
 from kincal_shared.schema.errors import validate
 
+from .function import DIED, DISPERSED, FIXED
 from .plan import Plan
 from .pool import Answer
 
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 MANIFEST = "campaign.json"
-TIMINGS = ("wall_s", "cpu_s")  # the columns that differ from one flight of a case to the next
-DISPERSED = "x."  # before the key, in the names of columns
-DIED = "died"
 Row = dict[str, Any]
 
 
@@ -37,7 +34,7 @@ def row_of(plan: Plan, answer: Answer) -> Row:
     """A case as it is stored. The dispersed values are those of the world; of a case that died, those
     that were asked for."""
     case, found = answer.case, answer.answer
-    outcome: Row = dict.fromkeys(OUTCOME)
+    outcome: Row = {"ended": "finished", "reason": ""} if plan.spec.function else dict.fromkeys(OUTCOME)
     if "error" in found:
         outcome |= {"ended": DIED, "reason": found["error"]}
         values, digest, cpu_s = case.changes, "", None
@@ -49,16 +46,36 @@ def row_of(plan: Plan, answer: Answer) -> Row:
     return {"index": case.index, "seed": case.seed, **drawn, **outcome, "digest": digest, **timings}
 
 
-def _schema(plan: Plan) -> pa.Schema:
+def _free(rows: list[Row]) -> dict[str, type]:
+    """Columns that a function gave, with their types. BadInput if one has several."""
+    found: dict[str, type] = {}
+    for name, value in (item for row in rows for item in row.items() if is_outcome(item[0])):
+        kind, known = type(value), found.setdefault(name, type(value))
+        if {kind, known} == {int, float}:
+            found[name] = float
+        elif known is type(None):
+            found[name] = kind
+        elif kind not in (known, type(None)):
+            what = f"{name} is of type {known.__name__} in one case, of type {kind.__name__} in another"
+            raise BadInput(what, "the function of the campaign", "give each column one type")
+    return found
+
+
+def is_outcome(column: str) -> bool:
+    """Whether it says what came of a case."""
+    return column not in FIXED and not column.startswith(DISPERSED)
+
+
+def _schema(plan: Plan, rows: list[Row]) -> pa.Schema:
     import pyarrow as pa
 
-    kinds = {str: pa.string(), bool: pa.bool_(), int: pa.int64(), float: pa.float64()}
+    kinds = {str: pa.string(), bool: pa.bool_(), int: pa.int64(), float: pa.float64(), type(None): pa.null()}
     drawn = [(DISPERSED + key, kinds[type(law.choice[0]) if law.choice else float]) for key, law in plan.laws]
     return pa.schema(
         [
             *(("index", pa.int64()), ("seed", pa.int64())),
             *drawn,
-            *((name, kinds[kind]) for name, kind in OUTCOME.items()),
+            *((n, kinds[kind]) for n, kind in (_free(rows) if plan.spec.function else OUTCOME).items()),
             *(("digest", pa.string()), ("wall_s", pa.float64()), ("cpu_s", pa.float64())),
         ]
     )
@@ -130,7 +147,7 @@ class Store:
         if not rows:
             return
         buffer = io.BytesIO()
-        pq.write_table(pa.Table.from_pylist(rows, _schema(self.plan)), buffer)
+        pq.write_table(pa.Table.from_pylist(rows, _schema(self.plan, rows)), buffer)
         write_whole(self.folder / f"part-{self._next:06d}.parquet", buffer.getvalue())
         self._next += 1
         self.done.update(int(row["index"]) for row in rows)
@@ -166,11 +183,12 @@ def manifest_of(plan: Plan) -> Row:
     """What campaign.json says."""
     return {
         "spec": plan.spec.model_dump(),
+        "beside": str(plan.beside),
         "scenario": plan.scenario,
         "tables_folder": str(plan.tables),
         "tables": plan.crcs,
         "spec_sha256": plan.hash,
-        "software": dispersed.software(),
+        "software": plan.software,
     }
 
 
@@ -185,7 +203,10 @@ def read_manifest(folder: Path) -> Row:
         ) from None
     except (OSError, ValueError) as error:
         raise BadInput(f"cannot be read: {error}", str(path)) from None
-    if missing := {"spec", "scenario", "tables", "tables_folder", "spec_sha256", "software"} - found.keys():
+    if (
+        missing := {"spec", "beside", "scenario", "tables", "tables_folder", "spec_sha256", "software"}
+        - found.keys()
+    ):
         raise BadInput(
             f"has no {sorted(missing)[0]}", str(path), "name a folder that `kincal campaign run` made"
         )
@@ -200,7 +221,7 @@ def plan_of(folder: Path) -> Plan:
     for law in doc["dispersion"]:  # JSON has no tuples, a file has none either: lists are read as both
         law.update({k: tuple(law[k]) for k in ("uniform", "normal", "limits") if k in law})
     spec = validate(Campaign, doc, str(folder / MANIFEST))
-    return Plan(spec, m["scenario"], Path(m["tables_folder"]), m["tables"])
+    return Plan(spec, Path(m["beside"]), m["scenario"], Path(m["tables_folder"]), m["tables"])
 
 
 def _differences(old: Row, new: Row) -> list[tuple[str, str, str]]:
@@ -216,7 +237,7 @@ def _differences(old: Row, new: Row) -> list[tuple[str, str, str]]:
 
 def software_differences(folder: Path) -> list[str]:
     """What differs between the software here and that which flew a campaign."""
-    there, here = read_manifest(folder)["software"], dispersed.software()
+    there, here = read_manifest(folder)["software"], plan_of(folder).software
     return [
         f"{what}: {there.get(what)} there, {here[what]} here"
         for what in here
@@ -268,7 +289,7 @@ class Results:
 
     def outcomes(self) -> Iterator[Row]:
         """The outcome of every case, as conditions take it."""
-        names = list(OUTCOME)
+        names = [name for name in self.columns if is_outcome(name)]
         for values in zip(*(self.columns[name] for name in names), strict=True):
             yield dict(zip(names, values, strict=True))
 
@@ -283,14 +304,21 @@ class Results:
 
 
 def read(folder: Path) -> Results:
-    """The cases that a folder holds. BadInput if it holds none, or is damaged."""
+    """The cases of its campaign that a folder holds. BadInput if it holds none, or is damaged."""
     import pyarrow as pa
+    import pyarrow.compute as pc
 
     m, plan = read_manifest(folder), plan_of(folder)
     _indices(folder)
     if not (found := list(_tables(folder))):
         raise BadInput("no case has been flown yet", str(folder), "`kincal campaign run` flies them")
-    table = pa.concat_tables(found).sort_by("index")
+    try:
+        table = pa.concat_tables(found, promote_options="permissive").sort_by("index")
+    except pa.ArrowException as error:
+        raise BadInput(
+            f"parts do not go together: {error}", str(folder), "give each column one type"
+        ) from None
+    table = table.filter(pc.field("index") < plan.spec.cases)
     return Results(
         folder, plan, m["software"], {name: table[name].to_pylist() for name in table.column_names}
     )

@@ -17,6 +17,7 @@ import sys  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
 
+from kincal.campaign import function  # noqa: E402
 from kincal.run import dispersed  # noqa: E402
 
 
@@ -25,7 +26,10 @@ def fly(shared: dict[str, Any], case: dict[str, Any]) -> dict[str, Any]:
     folder = Path(str(case["changes"].get(dispersed.TABLES_KEY, shared["tables"])))
     log = Path(case["log"]) if case.get("log") else None
     try:
-        flown = dispersed.fly(shared["scenario"], folder, case["changes"], case["seed"], log)
+        if shared["function"]:
+            flown = function.fly(shared["function"], Path(shared["beside"]), case["changes"], case["seed"])
+        else:
+            flown = dispersed.fly(shared["scenario"], folder, case["changes"], case["seed"], log)
     except Exception as error:  # noqa: BLE001 whatever a case dies of is its outcome
         return {"index": case["index"], "error": f"{type(error).__name__}: {error}"}
     return {"index": case["index"], **vars(flown)}
@@ -37,7 +41,8 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what libraries print is no answer
     shared = json.loads(sys.stdin.readline() or "null")
-    other = shared["software"] != dispersed.software()  # files changed since the command began
+    here = function.software(shared["function"], Path(shared["beside"]))
+    other = shared["software"] != here  # files changed since the command began
     for line in sys.stdin:
         case = json.loads(line)
         answer = {"index": case["index"], "other": True} if other else fly(shared, case)

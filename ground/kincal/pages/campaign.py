@@ -55,7 +55,7 @@ def page(r: Report, compared: Comparison | None, date: str) -> Page:
         sections.insert(2, Section("compared", "Compared", _differing(compared), grid=_compared(compared)))
     return Page(
         kind="Campaign",
-        title=spec.title or spec.scenario,
+        title=spec.title or spec.scenario or spec.function,
         subtitle=f"{results.n} of {spec.cases} cases, {how}",
         provenance=Provenance(date, results.plan.crcs[""], str(results.folder), results.plan.hash, spec.seed),
         verdict=_verdict(r),

@@ -1,7 +1,8 @@
 """Campaigns (sim/campaigns/*.toml): which cases are flown, how they are dispersed, what has to hold of them.
 
 A key of a dispersion is a path in the scenario (`arm.errors.J2.phi_rad`, `detection.corner_sigma_px`), a
-field of the CONFIG table (`config.stop_pos_m`), or `tables`. `J*` stands for every joint."""
+field of the CONFIG table (`config.stop_pos_m`), or `tables`. `J*` stands for every joint. Where a function
+takes the place of the scenario, keys are its own."""
 
 from __future__ import annotations
 
@@ -219,7 +220,8 @@ class Dispersion(Strict):
     choice."""
 
     key: str = pydantic.Field(examples=["arm.errors.J2.phi_rad"])
-    """What differs: a path in the scenario, config.FIELD, or tables. J* stands for every joint."""
+    """What differs: a path in the scenario, config.FIELD, or tables. J* stands for every joint. With a
+    function, any name."""
     uniform: tuple[Real, Real] | None = None
     """Evenly distributed between these two."""
     normal: tuple[Real, Positive] | None = None
@@ -246,8 +248,6 @@ class Dispersion(Strict):
                     "write [low, high], low below high",
                 )
         self._check_choice()
-        for key in expanded(self.key):
-            split_key(key)
         return self
 
     def _check_choice(self) -> None:
@@ -278,20 +278,23 @@ class Requirement(Strict):
 
 
 class Campaign(Strict):
-    """A campaign: cases of one scenario, each with other values of what is dispersed."""
+    """A campaign: cases of one scenario, or of one function, each with other values of what is dispersed."""
 
     title: str = ""
     """What it is for."""
-    scenario: str = pydantic.Field(min_length=1, examples=["healthy"])
+    scenario: str = pydantic.Field(default="", examples=["healthy"])
     """Name in sim/scenarios, or a file, from the folder of this file."""
+    function: str = pydantic.Field(default="", examples=["faults:case"])
+    """Instead of a scenario: MODULE:FUNCTION that flies a case, in the folder of this file or installed."""
     tables: str = ""
     """Folder with table images, from the folder of this file; "": as shipped."""
     seed: Annotated[int, Count(ge=0)] = 1
     """Root of all seeds."""
     cases: Annotated[int, Count(ge=1, le=CASES_MAX)]
     """How many are flown."""
-    sampling: Literal["random", "latin hypercube", "sobol"] = "random"
-    """How the dispersed values are drawn."""
+    sampling: Literal["random", "latin hypercube", "sobol", "combinations"] = "random"
+    """How the dispersed values are drawn. combinations: all of the choices in turn, then again with the next
+    seed."""
     time_limit_s: Positive = 900.0
     """A case that takes longer on the clock of the computer is ended, and counts as died [s]."""
     set: dict[str, Choice] = {}
@@ -303,12 +306,16 @@ class Campaign(Strict):
 
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Campaign:
+        if bool(self.scenario) == bool(self.function):
+            what = "is given, and a function too" if self.scenario else "is missing, and there is no function"
+            raise Contradiction("scenario", what, "give one of scenario, function")
         owner: dict[str, str] = {}
         for key in self.set:
-            split_key(key)
+            self._check_key(key, "set")
             owner[key] = "set"
         for number, dispersion in enumerate(self.dispersion, 1):
             for key in expanded(dispersion.key):
+                self._check_key(key, f"dispersion[{number}]")
                 if key in owner:
                     what = f"{key!r} is given twice, here and by {owner[key]}"
                     raise Contradiction(f"dispersion[{number}]", what, "remove one of them")
@@ -317,6 +324,8 @@ class Campaign(Strict):
             raise Contradiction(
                 "sampling", f"{self.sampling}, but nothing is dispersed", "add a [[dispersion]]"
             )
+        if self.sampling == "combinations" and any(d.choice is None for d in self.dispersion):
+            raise Contradiction("sampling", "only choices have combinations", "write choice = [...]")
         if self.sampling == "sobol" and self.cases & (self.cases - 1):
             below = 1 << (self.cases.bit_length() - 1)
             todo = f"write cases = {below} or {2 * below}"
@@ -325,6 +334,14 @@ class Campaign(Strict):
         if twice := {n for n in names if names.count(n) > 1}:
             raise Contradiction("requirement", f"two are called {twice.pop()!r}", "name each otherwise")
         return self
+
+    def _check_key(self, key: str, where: str) -> None:
+        """Contradiction if there is nothing of that name that a case can change."""
+        try:
+            if not self.function:
+                split_key(key)
+        except Contradiction as error:
+            raise Contradiction(where, error.what, error.todo) from None
 
 
 def read_campaign(path: Path) -> Campaign:

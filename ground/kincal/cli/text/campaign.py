@@ -24,9 +24,8 @@ LISTED = 5  # outcomes that differ from the flight of a case to its replay, and 
 def report(out: Console, r: Report) -> None:
     """Print what the cases show."""
     spec = r.results.plan.spec
-    out.print(
-        f"[bold]{escape(spec.title or spec.scenario)}[/]: {r.results.n} of {spec.cases} cases, {r.died} died"
-    )
+    title = escape(spec.title or spec.scenario or spec.function)
+    out.print(f"[bold]{title}[/]: {r.results.n} of {spec.cases} cases, {r.died} died")
     _ends(out, r)
     _requirements(out, r)
     title = "\nDistributions (quantiles with 95 % bounds)"
