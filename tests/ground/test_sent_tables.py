@@ -144,8 +144,9 @@ def test_the_command_line_writes_who_and_why(tmp_path, own_key_file):
     with FakeFlight(refuse=(CMD.TABLE_VALIDATE,)) as flight:
         assert run("table", "uplink", BIN / "config.tbl", "--url", flight.url, *named).exit_code == 1
     listed = " ".join(run("audit", "log", "--keys", own_key_file).output.split())
-    for words in ("attempt: put the CONFIG table in force", "CONFIG table put in force", "CONFIG table read back",
-                  "refused: put the CONFIG table in force", "A. Operator", "new plan"):  # fmt: skip
+    put = "put the CONFIG table in force"
+    said = (f"attempt: {put}", "CONFIG table put in force", "CONFIG table read back", f"refused: {put}")
+    for words in (*said, "A. Operator", "new plan"):
         assert words in listed
     verified = run("audit", "verify", "--keys", own_key_file)
     assert verified.exit_code == 0 and "2 decisions and commands in 6 lines" in " ".join(

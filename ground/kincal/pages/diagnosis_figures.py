@@ -45,7 +45,8 @@ def nested(models: NestedModels, reachable_m: float | None = None) -> go.Figure:
     figure.update_annotations(font={"size": theme.FONT_PX})
     for column, block in enumerate(blocks, 1):
         figure.add_trace(_errors(models.of(block)), row=1, col=column)
-        for level, (value_m, label, colour) in enumerate(_lines(models, reachable_m if column == 1 else None)):
+        lines = _lines(models, reachable_m if column == 1 else None)
+        for level, (value_m, label, colour) in enumerate(lines):
             style = {"color": colour, "dash": "dash", "width": 1.5}
             figure.add_vline(value_m * 1e3, line=style, row=1, col=column)
             if column == 1:
