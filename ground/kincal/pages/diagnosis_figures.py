@@ -53,7 +53,7 @@ def nested(models: NestedModels, reachable_m: float | None = None) -> go.Figure:
                 figure.add_annotation(_line_label(value_m, label, colour, level))
     figure.update_yaxes(autorange="reversed", showgrid=False, ticks="", type="category")
     return figure.update_xaxes(type="log", range=_log_range(models, reachable_m), tickvals=_ticks(models),
-                               title_text="position RMS [mm]")  # fmt: skip
+                               title_text="RMS [mm]")  # fmt: skip
 
 
 def _errors(mine: Sequence[NestedModel]) -> go.Scatter:
