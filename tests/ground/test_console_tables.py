@@ -182,5 +182,5 @@ def until(what, seconds=20.0):
 
 
 def test_values_that_differ_in_their_last_digits_are_not_shown_as_the_same():
-    assert shelf._differing(0.11, 0.11000000000000001) == ("0.11", "0.11000000000000001")
+    assert shelf._differing(0.11, 0.11000000000000001) == ("0.11", "0.11 (+1e-17)")
     assert shelf._differing(0.1, 0.2) == ("0.1", "0.2") and shelf._differing(None, 2.0) == ("absent", "2")

@@ -201,9 +201,9 @@ def _crc(file: Path) -> int | None:
 
 
 def _differing(a: Any, b: Any) -> tuple[str, str]:
-    """Both values, with all digits where fewer would make them look the same."""
+    """Both values; of those that look the same, by how much the second is more."""
     short = _said(a), _said(b)
-    return short if short[0] != short[1] else (str(a), str(b))
+    return short if short[0] != short[1] else (short[0], f"{short[1]} ({b - a:+.0e})")
 
 
 def _said(value: Any) -> str:
