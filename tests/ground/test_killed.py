@@ -233,7 +233,8 @@ def test_what_was_begun_and_never_written_to_its_end_is_named(flight):
         main, ["audit", "log", "--journal", str(flight.journal), "--keys", str(flight.second)]
     )
     text = " ".join(shown.output.split())
-    assert f"look at: attempt APPROVE_GO {flight.made.text} by B" in text and "nothing says what came of it" in text
+    assert f"look at: attempt APPROVE_GO {flight.made.text} by B" in text
+    assert "nothing says what came of it" in text
 
 
 def test_nothing_is_left_open_where_every_attempt_has_its_end(flight):
