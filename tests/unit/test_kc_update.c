@@ -535,3 +535,13 @@ void test_it_ends_when_it_is_good_enough_or_the_table_in_force_is_right(void)
         }
     }
 }
+
+void test_an_update_begins_at_its_first_part(void)
+{
+    kc_update_t cursor = {.part = 3u, .i = 7u, .sum2 = {1.0, 2.0}};
+    kc_update_begin(&cursor);
+    TEST_ASSERT_EQUAL_UINT32(0u, cursor.part);
+    TEST_ASSERT_EQUAL_UINT32(0u, cursor.i);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, cursor.sum2.pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, cursor.sum2.rot_rad);
+}

@@ -8,7 +8,7 @@ import shlex
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 import click
 
@@ -18,7 +18,7 @@ from kincal.cli.outputs import FILE_OUT, PICTURE, REPORT
 from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console, say
 from kincal.cli.text import review as text
-from kincal.cli.wire import JOURNAL, KEYS, TIMEOUT, URL, operator
+from kincal.cli.wire import JOURNAL, KEYS, TIMEOUT, URL, Recorded, operator
 from kincal.review import journal as journals
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import DEFAULT, Signer, file_of, signer_of
@@ -275,15 +275,9 @@ def _see(
     say(f"recorded in {path}: {by} has seen correction {found.crc_text}", err=err)
 
 
-class Decision(TypedDict):
+class Decision(Recorded):
     """What every decision is given besides the CRC."""
 
-    by: str
-    why: str
-    url: str
-    key_file: Path
-    timeout_s: float
-    journal: Path | None
     dry_run: bool
 
 
