@@ -49,6 +49,9 @@ class World:
     seed: of all noise; make_imager: one of the functions of imagers.py.
     contacts: pairs of shapes that touched, each with the seconds of mission time in which they did.
     last_motion_us: when arm or pan-tilt unit were last seen moving; -1 = never.
+
+    What the sensors read after advance(); arrays are never changed in place: q_rad, dq_rad_s (n,), arm_moves,
+    pantilt_rad (2,), pantilt_moves; seq: number of their messages.
     """
 
     def __init__(self, scenario: Scenario, seed: int, make_imager: MakeImager):
@@ -64,16 +67,19 @@ class World:
         self._encoder_rng = generator(seed, "encoders")
         self._commands: list[tuple[str, Any]] = []
         self._requested_frames: list[int] = []
-        self._seq = 0
+        self.seq = 0
         self._next_truth_us = 0
         # The last answer of settle(), what was asked, where the arm stood then; and what follows from it.
         self._true: AtRest | None = None
         self._asked: tuple[Any, ...] = ()
         self._stands = b""
         self._truth: tuple[AtRest, list[str], list[float]] | None = None
+        self.q_rad = self.dq_rad_s = self.pantilt_rad = np.empty(0)
+        self.arm_moves = self.pantilt_moves = False
+        self._encoders = np.empty(0)  # readings without noise
         self._q, self._dq, self._q_cmd = _Listed(), _Listed(), _Listed()
         self._dir = _Listed(lambda d: d.tolist() + [0] * (JOINT_SLOTS - len(d)))
-        self._gravity = [float(g) for g in scenario.env.gravity_m_s2]
+        self.gravity_m_s2 = [float(g) for g in scenario.env.gravity_m_s2]
 
     def receive(self, channel: str, message: Any) -> None:
         """A command from flight; carried out when time next moves."""
@@ -81,18 +87,41 @@ class World:
 
     def step(self, now_us: int) -> list[tuple[str, Message]]:
         """Carry out what was commanded, let time pass until now_us, and give the sensor messages."""
+        self.advance(now_us)
+        return [*self.states(), *self.observe()]
+
+    def advance(self, now_us: int) -> None:
+        """The first part of a step: time passes, and everything moves."""
         self.execute_commands(self.now_us if self.now_us is not None else now_us)
         self.now_us = now_us
-        self._seq += 1
-        q, dq, arm_moving = self.controller.trajectory.at(now_us * 1e-6)
-        pantilt, _, pantilt_moving = self.pantilt.trajectory.at(now_us * 1e-6)
-        if arm_moving or pantilt_moving:
+        self.seq += 1
+        q, self.dq_rad_s, self.arm_moves = self.controller.trajectory.at(now_us * 1e-6)
+        self.pantilt_rad, _, self.pantilt_moves = self.pantilt.trajectory.at(now_us * 1e-6)
+        if self.arm_moves or self.pantilt_moves:
             self.last_motion_us = now_us
-        return [
-            ("KC_ARM_STATE", self._arm_state(q, dq, arm_moving)),
-            ("KC_PANTILT_STATE", self._pantilt_state(pantilt, pantilt_moving)),
-            *self._observe(q, pantilt),
-        ]
+        if q is not self._encoders or self.scenario.arm.encoder_noise_rad:
+            self._encoders, self.q_rad = q, self._readings(q)
+
+    def states(self) -> list[tuple[str, Message]]:
+        """The second: what the encoders of arm and pan-tilt unit read."""
+        return [("KC_ARM_STATE", self._arm_state()), ("KC_PANTILT_STATE", self._pantilt_state())]
+
+    def observe(self) -> list[tuple[str, Message]]:
+        """The last: frames that were requested, and the truth once a second."""
+        assert self.now_us is not None
+        truth_due = self.now_us >= self._next_truth_us
+        if not (self._requested_frames or truth_due):
+            return []
+        true = self.settle(self._encoders, self.pantilt_rad)
+        out = self._take_frames(self.now_us, true)
+        if truth_due:
+            self._next_truth_us = self.now_us - self.now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
+            if self._truth is None or self._truth[0] is not true:
+                pairs = sorted({" - ".join(pair) for pair in self.arm.collisions()})
+                self._truth = true, pairs, quaternion(true.T_base_tool).tolist()
+            self.contacts.update(self._truth[1])
+            out.append(("KC_SIM_TRUTH", self._sim_truth(true, self._truth[2])))
+        return out
 
     def execute_commands(self, t_us: int) -> None:
         """Pass the commands that were received to the controllers, at this time."""
@@ -128,23 +157,6 @@ class World:
         pan_rad, tilt_rad = pantilt_rad.tolist()
         return conditions(self.scenario, q_read_rad, direction, t_s, (pan_rad, tilt_rad))
 
-    def _observe(self, q: np.ndarray, pantilt: np.ndarray) -> list[tuple[str, Message]]:
-        """Frames that were requested, and the truth once a second."""
-        assert self.now_us is not None
-        truth_due = self.now_us >= self._next_truth_us
-        if not (self._requested_frames or truth_due):
-            return []
-        true = self.settle(q, pantilt)
-        out = self._take_frames(self.now_us, true)
-        if truth_due:
-            self._next_truth_us = self.now_us - self.now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
-            if self._truth is None or self._truth[0] is not true:
-                pairs = sorted({" - ".join(pair) for pair in self.arm.collisions()})
-                self._truth = true, pairs, quaternion(true.T_base_tool).tolist()
-            self.contacts.update(self._truth[1])
-            out.append(("KC_SIM_TRUTH", self._sim_truth(true, self._truth[2])))
-        return out
-
     def _take_frames(self, now_us: int, true: AtRest) -> list[tuple[str, Message]]:
         requested, self._requested_frames = self._requested_frames, []
         messages = [
@@ -159,22 +171,22 @@ class World:
             q = q + noise_rad * self._encoder_rng.standard_normal(len(q))
         return np.round(q / step_rad) * step_rad if step_rad else q
 
-    def _arm_state(self, q: np.ndarray, dq: np.ndarray, moving: bool) -> kcm.arm_state_t:
+    def _arm_state(self) -> kcm.arm_state_t:
         m, env = kcm.arm_state_t.__new__(kcm.arm_state_t), self.scenario.env
-        m.t_us, m.seq, m.n_joints = self.now_us, self._seq, len(q)
-        m.q_rad, m.dq_rad_s = self._q.of(self._readings(q)), self._dq.of(dq)
+        m.t_us, m.seq, m.n_joints = self.now_us, self.seq, len(self.q_rad)
+        m.q_rad, m.dq_rad_s = self._q.of(self.q_rad), self._dq.of(self.dq_rad_s)
         m.q_cmd_rad, m.dir = (
             self._q_cmd.of(self.controller.q_cmd),
             self._dir.of(self.controller.trajectory.direction),
         )
-        m.moving, m.fault_mask = int(moving), self.controller.fault_mask
-        m.temp_c, m.payload_kg, m.g_m_s2 = env.temp_c, env.payload_kg, self._gravity
+        m.moving, m.fault_mask = int(self.arm_moves), self.controller.fault_mask
+        m.temp_c, m.payload_kg, m.g_m_s2 = env.temp_c, env.payload_kg, self.gravity_m_s2
         return m
 
-    def _pantilt_state(self, pantilt: np.ndarray, moving: bool) -> kcm.pantilt_state_t:
+    def _pantilt_state(self) -> kcm.pantilt_state_t:
         m = kcm.pantilt_state_t.__new__(kcm.pantilt_state_t)
-        m.t_us, m.seq, m.moving = self.now_us, self._seq, int(moving)
-        m.pan_rad, m.tilt_rad = pantilt.tolist()
+        m.t_us, m.seq, m.moving = self.now_us, self.seq, int(self.pantilt_moves)
+        m.pan_rad, m.tilt_rad = self.pantilt_rad.tolist()
         return m
 
     def _sim_truth(self, true: AtRest, q_wxyz: list[float]) -> kcm.sim_truth_t:

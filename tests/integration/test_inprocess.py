@@ -6,16 +6,23 @@ That such a run gives the bits of the processes is shown in test_scenarios.py.
 import copy
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from flight import CAUSE, STATE, TABLES, read_table
 
+from kincal.flight import library
 from kincal.flight import tables as codec
 from kincal.link import dump, upload
+from kincal.link.channels import message_type
+from kincal.run import wire
 from kincal.run.fast import InProcessLink
 from kincal.run.inprocess import Hooks, Script, Setup, Simulation, Store, command, simulate
 from kincal.run.onboard import FlightSoftware
 from kincal_shared.errors import CommandFailed, KincalError
 from kincal_shared.keys import Signer, counting, of_simulation
+from kincal_sim.scenario import load
+from kincal_sim.vision.imagers import fast_imager
+from kincal_sim.world import World
 
 POSES = 4  # besides the local initial poses
 START = (2, command("START", -1, POSES, 1))
@@ -119,6 +126,53 @@ def test_the_same_faults_give_the_same_messages():
     first, again = (flown(hooks=Hooks(to_flight=noisy), ticks=200) for _ in range(2))
     assert [e.text for e in first.log.events] == [e.text for e in again.log.events]
     assert first.log.hk.encode() == again.log.hk.encode()
+
+
+def test_states_without_messages_are_those_with_messages():
+    """Hooks that change nothing have every state made into a message."""
+
+    def sent(hooks):
+        stream = []
+
+        def each_tick(tick):
+            states = {channel: m.encode() for channel, m in tick.to_flight}
+            stream.append((states, [(channel, m.encode()) for channel, m in tick.from_flight]))
+            return tick.number < UNDER_WAY
+
+        setup = Setup(commander=lambda send: Script(send, (START,)), hooks=hooks)
+        run = simulate("encoder_bias", 1, setup, each_tick=each_tick)
+        return stream, run.log.counts
+
+    without, with_messages = sent(Hooks()), sent(Hooks(to_flight=lambda _tick, messages: messages))
+    assert without == with_messages
+    channels = {channel for states, _ in without[0] for channel in states}
+    assert {"KC_ARM_STATE", "KC_PANTILT_STATE", "KC_DETECTION"} <= channels
+
+
+def test_states_without_messages_fill_the_same_bytes():
+    world = World(load("encoder_bias"), 1, fast_imager)
+    world.receive("KC_ARM_CMD", arm_command(world.controller.q_cmd + 0.3))
+    seen = set()
+    for tick in range(1, 60):
+        world.advance(tick * 100_000)
+        with_messages, without = (wire.place(library("flight").new("kc_in_t")) for _ in range(2))
+        for channel, message in world.states():
+            name = wire.member(channel)
+            wire.fill(name, with_messages.member(name), message)
+        wire.States(without).fill(world)
+        arm, pantilt = without.member("arm"), without.member("pantilt")
+        whole = slice(arm.offset, pantilt.offset + library("flight").ffi.sizeof(pantilt.ctype))
+        assert bytes(without.memory[whole]) == bytes(with_messages.memory[whole])
+        seen.add((world.arm_moves, world.controller.fault_mask))
+        if tick == 50:
+            world.receive("KC_ARM_CMD", arm_command(np.full(7, 50.0), seq=2))
+    assert seen == {(True, 0), (False, 0), (False, 127)}
+
+
+def arm_command(q_rad, seq=1):
+    m = message_type("arm_cmd_t")()
+    m.seq, m.n_joints, m.q_rad, m.speed_scale = seq, 7, [*q_rad, 0.0], 1.0
+    return m
 
 
 def test_a_damaged_slot_is_left_for_the_one_before():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -129,6 +130,12 @@ class LogSummary:
     def session(self, number: int) -> Session:
         """A session, made if it is new."""
         return self.sessions.setdefault(number, Session(number))
+
+    def count(self, channels: Iterable[str]) -> None:
+        """A message on each of these channels, with nothing in it that is kept."""
+        for channel in channels:
+            self.n_messages += 1
+            self.counts[channel] += 1
 
     def add(self, channel: str, message: LcmMessage) -> None:
         """Add one decoded message."""

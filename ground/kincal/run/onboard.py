@@ -16,6 +16,7 @@ from .wire import Message
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcApp, KcKeys
+    from kincal_sim.world import World
 
 _FLIGHT = library("flight")
 _LIB = _FLIGHT.lib
@@ -115,6 +116,7 @@ class FlightSoftware:
         self._in, self._out = _FLIGHT.new("kc_in_t"), _FLIGHT.new("kc_out_t")
         self._inputs, self._outputs = wire.place(self._in), wire.place(self._out)
         self._newest_of = {name: self._inputs.member(name) for name in ("arm", "pantilt")}
+        self._states = wire.States(self._inputs)
         self._waiting = _Waiting()
         self._event_seq = 0
         FlightSoftware._newest = self
@@ -141,6 +143,10 @@ class FlightSoftware:
         elif name:
             wire.fill(name, self._newest_of[name], message)
             setattr(self._in, f"has_{name}", 1)
+
+    def receive_states(self, world: World) -> None:
+        """What receive() does with the messages of world.states(), without making them."""
+        self._states.fill(world)
 
     def step(self, now_us: int) -> list[Message]:
         """One tick at a mission time; what flight publishes, after all of it is stored."""

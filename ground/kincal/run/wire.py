@@ -20,6 +20,7 @@ from kincal.link.channels import BY_NAME, message_type
 
 if TYPE_CHECKING:
     from kincal.link.messages import ArmState, Cmd, Detection, LcmMessage, PantiltState, TableChunk
+    from kincal_sim.world import World
 
 Message: TypeAlias = "tuple[str, Any]"
 """Channel and message (a type of messages.pyi, by the channel)."""
@@ -186,6 +187,48 @@ def fill_arm(struct: Place, m: ArmState) -> None:
 def fill_pantilt(struct: Place, m: PantiltState) -> None:
     """KC_PANTILT_STATE."""
     _write(struct, m, moving=int(m.moving != 0))
+
+
+class States:
+    """States of arm and pan-tilt unit into kc_in_t without messages between: most of what a simulated flight
+    receives. The same bytes as from fill_arm and fill_pantilt."""
+
+    _VECTORS = ("q", "dq", "q_cmd", "dir")
+    _HEAD = packing.Struct("=qiI")  # t_us, seq, n_joints
+    _REST = packing.Struct("=B3xi5d")  # moving, fault_mask, temp_c, payload_kg, g_m_s2
+    _PANTILT = packing.Struct("=qi4x2dB7x")
+
+    def __init__(self, inputs: Place) -> None:
+        self._memory = inputs.memory
+        arm, pantilt, flags = (inputs.member(name) for name in ("arm", "pantilt", "has_arm"))
+        self._arm = bytearray(_FLIGHT.ffi.sizeof(arm.ctype))
+        self._arm_at = slice(arm.offset, arm.offset + len(self._arm))
+        self._pantilt_at = slice(pantilt.offset, pantilt.offset + self._PANTILT.size)
+        self._flags_at = slice(flags.offset, flags.offset + 2)  # has_arm, has_pantilt
+        members = _members(arm.ctype)
+        self._rest_at = members["moving"].offset
+        self._vector = {
+            name: np.frombuffer(self._arm, float, members[name].type.length, members[name].offset)
+            for name in self._VECTORS
+        }
+        self._held: list[object] = [None] * len(self._VECTORS)
+
+    def fill(self, world: World) -> None:
+        """What the encoders of the world read, as the newest states."""
+        controller, env = world.controller, world.scenario.env
+        vectors = world.q_rad, world.dq_rad_s, controller.q_cmd, controller.trajectory.direction
+        for k, (held, now, to) in enumerate(zip(self._held, vectors, self._vector.values(), strict=True)):
+            if now is not held:  # arrays of the world are never changed in place
+                self._held[k] = now
+                to[: len(now)] = now
+        self._HEAD.pack_into(self._arm, 0, world.now_us, world.seq, len(world.q_rad))
+        rest = env.temp_c, env.payload_kg, *world.gravity_m_s2
+        self._REST.pack_into(self._arm, self._rest_at, world.arm_moves, controller.fault_mask, *rest)
+        self._memory[self._arm_at] = self._arm
+        aims = world.pantilt_rad.tolist()
+        pantilt = self._PANTILT.pack(world.now_us, world.seq, *aims, world.pantilt_moves)
+        self._memory[self._pantilt_at] = pantilt
+        self._memory[self._flags_at] = b"\1\1"
 
 
 def fill_detection(struct: Place, m: Detection) -> None:
