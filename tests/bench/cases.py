@@ -23,6 +23,7 @@ Axes = Mapping[str, Sequence[Any]]
 Line = dict[str, Any]
 Wanted = Callable[[int, Mapping[str, Any]], bool]
 TIME_LIMIT_S = 7200.0
+EMPTY_MIN = 0.99  # share of the cases, shown with 95 % confidence
 _JSON = "_json"  # end of the name of a column
 
 
@@ -60,10 +61,12 @@ def fly(
     axes: Axes,
     wanted: Wanted,
     settings: Mapping[str, Any] | None = None,
+    empty: Sequence[str] = (),
 ) -> list[Line]:
     """Lines of the seeds and combinations that are wanted, seeds first; what the folder has is not flown
-    again. settings: the same in all cases. Exit status 2 if the folder belongs to something else, 1 if a
-    case died."""
+    again. settings: the same in all cases; empty: columns whose text has to be empty in all cases, which
+    `kincal campaign report` judges. Exit status 2 if the folder belongs to something else, 1 if a case
+    died."""
     spec = Campaign(
         function=function,
         seed=0,
@@ -72,6 +75,8 @@ def fly(
         time_limit_s=TIME_LIMIT_S,
         set=dict(settings or {}),
         dispersion=[{"key": key, "choice": list(values)} for key, values in axes.items()],
+        columns=dict.fromkeys(empty, "text"),
+        requirement=[{"name": n, "holds": f'{n} == ""', "probability": EMPTY_MIN} for n in empty],
     )
     try:
         plan = campaign.planned(spec, Path(__file__))

@@ -333,7 +333,7 @@ def main(argv: list[str] | None = None) -> int:
     o = options(argv)
     axes = {"scenario": missions.SCENARIOS, "kind": [k.name for k in KINDS]}
     wanted = lambda _seed, values: values["kind"] in (o.only or axes["kind"])  # noqa: E731
-    lines = cases.fly(o, "faults:case", axes, wanted, {"poses": POSES})
+    lines = cases.fly(o, "faults:case", axes, wanted, {"poses": POSES}, BAD)
     print(table(lines))
     bad = [v for v in lines if any(v[what] for what in BAD)]
     for v in bad:

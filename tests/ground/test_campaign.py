@@ -88,6 +88,7 @@ def whole(tmp_path_factory):
             'scenario = "healthy"\nfunction = "a:b"',
             ("and a function too", "give one"),
         ),
+        ("seed = 7", 'columns = { a = "number" }', ("columns", "a scenario has columns of its own")),
         ("seed = 7", 'sampling = "combinations"', ("sampling", "only choices have combinations")),
         ("[-0.02, 0.02]", "[0.02, -0.02]", ("dispersion[1].uniform", "empty", "low below high")),
         ("[-0.02, 0.02]", "[0.02, 0.02]", ("empty",)),
@@ -476,10 +477,58 @@ def test_what_the_cases_of_a_function_show(tmp_path):
     assert said.exit_code == 0, said.output
     assert "6 of 6 cases, 0 died" in said.output
     assert "length" in (tmp_path / "out" / "report.html").read_text()
-    said = CliRunner().invoke(main, ["campaign", "report", str(tmp_path / "out")])
+    assert CliRunner().invoke(main, ["campaign", "report", str(tmp_path / "out")]).output == said.output
+    said = CliRunner().invoke(main, ["campaign", "report", str(tmp_path / "out"), "--outcome", "after_pos_m"])
     assert said.exit_code == 2
     assert "no number 'after_pos_m'" in said.output
     assert "known: length" in said.output
+
+
+COLUMNS = """
+[columns]
+length = "number"
+good = "true or false"
+word = "text"
+[[requirement]]
+name = "short or left"
+holds = 'length < 5 or good'
+given = 'ended == "finished"'
+probability = 0.2
+"""
+
+
+def test_requirements_name_the_columns_that_are_declared(tmp_path):
+    flown(tmp_path, FUNCTION + COLUMNS, batch=2)
+    results = store.read(tmp_path / "out")
+    (judged,) = statistics.report(results, "length").requirements
+    assert (judged.share.k, judged.share.n, judged.verdict) == (4, 6, "pass")
+    other = COLUMNS.replace("length < 5 or good", 'word == "far"')  # these may change later
+    campaign.run(campaign.prepare(function_file(tmp_path, FUNCTION + other)), tmp_path / "out")
+    (judged,) = statistics.report(store.read(tmp_path / "out"), "length").requirements
+    assert (judged.share.k, judged.share.n) == (2, 6)
+    wrong = function_file(tmp_path, FUNCTION + COLUMNS.replace("word =", "far ="))
+    campaign.run(campaign.prepare(wrong), tmp_path / "out")
+    with pytest.raises(BadInput, match="no case has a value of the column 'far'"):
+        statistics.report(store.read(tmp_path / "out"), "length")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('good = "true or false"', "", ("requirement[1].holds", "no 'good'", "others are declared")),
+        ('good = "true or false"', 'good = "number"', ("requirement[1].holds", "good is not true or false")),
+        ('word = "text"', 'word = "words"', ("columns.word", 'write "number" or "text" or "true or false"')),
+        ('word = "text"', 'reason = "text"', ("columns", "'reason' is a text in every campaign")),
+        ('word = "text"', 'word = "number"', ("word is of type str, not float as declared",)),
+    ],
+)
+def test_columns_that_the_function_does_not_give_are_refused(tmp_path, old, new, said):
+    text = (FUNCTION + COLUMNS).replace(old, new)
+    code, output = command(function_file(tmp_path, text), "--out", tmp_path / "out")
+    assert code == 2
+    for words in said:
+        assert words in output
+    assert not (tmp_path / "out").exists() or not store.parts(tmp_path / "out")
 
 
 @pytest.mark.parametrize(

@@ -65,9 +65,10 @@ class Plan:
         return tuple(key for key, _ in self.laws)
 
     def contents(self) -> dict[str, Any]:
-        """Everything that the cases depend on, besides the software. Titles, requirements and the place of
-        the tables are not part of it, nor is how many there are, where no case depends on that."""
-        out = {"title", "requirement", "tables", "scenario"}
+        """Everything that the cases depend on, besides the software. Titles, requirements with their columns
+        and the place of the tables are not part of it, nor is how many there are, where no case depends on
+        that."""
+        out = {"title", "requirement", "columns", "tables", "scenario"}
         alone = self.spec.sampling in ("random", "combinations")
         spec = self.spec.model_dump(exclude=out | {"cases"} if alone else out)
         scenario = {k: v for k, v in self.scenario.items() if k not in ("name", "title", "expect")}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,9 +74,11 @@ class Evaluated:
     died: int
 
 
-def evaluate(requirement: Requirement, outcomes: Sequence[Row]) -> Evaluated:
-    """Whether the cases show that a requirement is met."""
-    given, holds = Condition(requirement.given), Condition(requirement.holds)
+def evaluate(
+    requirement: Requirement, outcomes: Sequence[Row], columns: Mapping[str, type] = OUTCOME
+) -> Evaluated:
+    """Whether the cases show that a requirement is met. columns: that its conditions may name."""
+    given, holds = Condition(requirement.given, columns), Condition(requirement.holds, columns)
     n = k = died = 0
     for outcome in outcomes:
         dead = outcome["ended"] == DIED
@@ -247,12 +249,19 @@ class Report:
         return self.complete and all(r.verdict == PASS for r in self.requirements)
 
 
-def report(results: Results, column: str = "after_pos_m", sobol: bool = False) -> Report:
-    """What the cases show. BadInput if there is no number of that name in an outcome."""
+def report(results: Results, column: str = "", sobol: bool = False) -> Report:
+    """What the cases show. column: number by which they are good or bad ("": after_pos_m; of a function, its
+    first number). BadInput if there is no number of that name in an outcome."""
     numbers = [name for name in results.columns if is_outcome(name) and _is_number(results, name)]
+    if not column:
+        column = "after_pos_m" if "after_pos_m" in numbers else next(iter(numbers), "number")
     if column not in numbers:
         raise BadInput(f"an outcome has no number {column!r}", "--outcome", f"known: {', '.join(numbers)}")
-    outcomes = list(results.outcomes())
+    outcomes, spec = list(results.outcomes()), results.plan.spec
+    for name in spec.columns:
+        if outcomes and all(o.get(name) is None for o in outcomes):
+            todo = "change the function, or [columns] of the campaign"
+            raise BadInput(f"no case has a value of the column {name!r}", str(results.folder), todo)
     ends = Counter(_end(o) for o in outcomes)
     shown = dict.fromkeys((column, *(name for name in SHOWN if name in numbers)))
     return Report(
@@ -260,7 +269,7 @@ def report(results: Results, column: str = "after_pos_m", sobol: bool = False) -
         column,
         sum(o["ended"] == DIED for o in outcomes),
         tuple((end, share(k, len(outcomes))) for end, k in ends.most_common()),
-        tuple(evaluate(r, outcomes) for r in results.plan.spec.requirement),
+        tuple(evaluate(r, outcomes, spec.outcome) for r in spec.requirement),
         tuple(distribution(name, results.columns[name]) for name in shown),
         influences(results, column, sobol),
         tuple(_worst(results, column)),

@@ -9,7 +9,7 @@ import fcntl
 import io
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -46,8 +46,9 @@ def row_of(plan: Plan, answer: Answer) -> Row:
     return {"index": case.index, "seed": case.seed, **drawn, **outcome, "digest": digest, **timings}
 
 
-def _free(rows: list[Row]) -> dict[str, type]:
-    """Columns that a function gave, with their types. BadInput if one has several."""
+def _free(rows: list[Row], declared: Mapping[str, type]) -> dict[str, type]:
+    """Columns that a function gave, with their types. BadInput if one has several, or not the one that is
+    declared."""
     found: dict[str, type] = {}
     for name, value in (item for row in rows for item in row.items() if is_outcome(item[0])):
         kind, known = type(value), found.setdefault(name, type(value))
@@ -58,6 +59,12 @@ def _free(rows: list[Row]) -> dict[str, type]:
         elif kind not in (known, type(None)):
             what = f"{name} is of type {known.__name__} in one case, of type {kind.__name__} in another"
             raise BadInput(what, "the function of the campaign", "give each column one type")
+    for name, kind in declared.items():
+        given = found.get(name, type(None))
+        if given not in (kind, type(None)) and {given, kind} != {int, float}:
+            what = f"{name} is of type {given.__name__}, not {kind.__name__} as declared"
+            todo = "change the function, or [columns] of the campaign"
+            raise BadInput(what, "the function of the campaign", todo)
     return found
 
 
@@ -71,11 +78,12 @@ def _schema(plan: Plan, rows: list[Row]) -> pa.Schema:
 
     kinds = {str: pa.string(), bool: pa.bool_(), int: pa.int64(), float: pa.float64(), type(None): pa.null()}
     drawn = [(DISPERSED + key, kinds[type(law.choice[0]) if law.choice else float]) for key, law in plan.laws]
+    given = _free(rows, plan.spec.outcome) if plan.spec.function else OUTCOME
     return pa.schema(
         [
             *(("index", pa.int64()), ("seed", pa.int64())),
             *drawn,
-            *((n, kinds[kind]) for n, kind in (_free(rows) if plan.spec.function else OUTCOME).items()),
+            *((n, kinds[kind]) for n, kind in given.items()),
             *(("digest", pa.string()), ("wall_s", pa.float64()), ("cpu_s", pa.float64())),
         ]
     )

@@ -104,7 +104,9 @@ def _span(s: float) -> str:
 @click.argument("folder", type=FOLDER)
 @click.argument("other", type=FOLDER, required=False)
 @click.option(
-    "--outcome", default="after_pos_m", show_default=True, help="Number by which cases are good or bad."
+    "--outcome",
+    default="",
+    help="Number by which cases are good or bad [default: after_pos_m; with a function, its first number]",
 )
 @click.option("--sobol", is_flag=True, help="Also first-order Sobol indices of the dispersed values.")
 @click.option("--report", "page", type=REPORT, default=None, help="HTML page.  [default: FOLDER/report.html]")

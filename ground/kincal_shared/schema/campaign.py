@@ -112,9 +112,9 @@ _WRITE = 'write a comparison such as after_pos_m <= 0.001, or active and verdict
 class Condition:
     """A condition on the outcome of a case, such as "after_pos_m <= 0.001 or not active"."""
 
-    def __init__(self, text: str) -> None:
-        """Contradiction if it cannot be used."""
-        self.text = text
+    def __init__(self, text: str, columns: Mapping[str, type] = OUTCOME) -> None:
+        """columns: that it may name, with their types. Contradiction if it cannot be used."""
+        self.text, self._columns = text, columns
         try:
             self._tree = ast.parse(text.strip(), mode="eval").body
             kind = self._kind(self._tree)
@@ -139,10 +139,10 @@ class Condition:
                 return type(value)
             case ast.Constant(value=int() | float()):
                 return float
-            case ast.Name(id=name) if name in OUTCOME:
-                return float if OUTCOME[name] is int else OUTCOME[name]
+            case ast.Name(id=name) if name in self._columns:
+                return float if self._columns[name] is int else self._columns[name]
             case ast.Name(id=name):
-                known = ", ".join(OUTCOME)
+                known = ", ".join(self._columns)
                 raise Contradiction("", f"{self.text!r}: a case has no {name!r}", f"known: {known}")
             case ast.BoolOp(values=values):
                 self._all(values, bool)
@@ -204,14 +204,6 @@ class _NoValue(Exception):
     pass
 
 
-def _is_condition(text: str) -> str:
-    Condition(text)
-    return text
-
-
-ConditionText = Annotated[str, pydantic.AfterValidator(_is_condition)]
-
-
 # ---- the file
 
 
@@ -267,9 +259,9 @@ class Requirement(Strict):
 
     name: str = pydantic.Field(min_length=1)
     """What it is called in reports."""
-    holds: ConditionText = pydantic.Field(examples=["after_pos_m <= 0.001"])
+    holds: str = pydantic.Field(examples=["after_pos_m <= 0.001"])
     """Condition on the outcome of a case."""
-    given: ConditionText = "True"
+    given: str = "True"
     """Counted are only the cases in which this holds."""
     probability: Annotated[float, Quantity(gt=0.0, lt=1.0)]
     """Least probability with which it has to hold."""
@@ -301,8 +293,18 @@ class Campaign(Strict):
     """Values that differ from the scenario in all cases, by key."""
     dispersion: list[Dispersion] = []
     """What differs from case to case."""
+    columns: dict[str, Literal["number", "text", "true or false"]] = {}
+    """With a function: what it gives that requirements name."""
     requirement: list[Requirement] = []
     """What has to hold."""
+
+    @property
+    def outcome(self) -> dict[str, type]:
+        """The columns of a case that conditions may name, with their types."""
+        if not self.function:
+            return OUTCOME
+        kinds = {"number": float, "text": str, "true or false": bool}
+        return {"ended": str, "reason": str} | {name: kinds[kind] for name, kind in self.columns.items()}
 
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Campaign:
@@ -333,7 +335,24 @@ class Campaign(Strict):
         names = [r.name for r in self.requirement]
         if twice := {n for n in names if names.count(n) > 1}:
             raise Contradiction("requirement", f"two are called {twice.pop()!r}", "name each otherwise")
+        self._check_columns()
         return self
+
+    def _check_columns(self) -> None:
+        """Columns that are declared, and conditions that name them."""
+        if self.columns and not self.function:
+            what = "a scenario has columns of its own"
+            raise Contradiction("columns", what, "remove them, or give a function")
+        if given := {"ended", "reason"} & self.columns.keys():
+            raise Contradiction("columns", f"{given.pop()!r} is a text in every campaign", "remove it")
+        for number, requirement in enumerate(self.requirement, 1):
+            for name in ("holds", "given"):
+                try:
+                    Condition(getattr(requirement, name), self.outcome)
+                except Contradiction as error:
+                    where = f"requirement[{number}].{name}"
+                    hint = "; others are declared in [columns]" if self.function else ""
+                    raise Contradiction(where, error.what, error.todo + hint) from None
 
     def _check_key(self, key: str, where: str) -> None:
         """Contradiction if there is nothing of that name that a case can change."""

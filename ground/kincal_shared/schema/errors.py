@@ -153,6 +153,7 @@ class _Place:
     parts: tuple[str | int, ...]
     model: type[Strict] | None
     length: int = 0  # of the list of fixed length that the last part is an entry of
+    choices: tuple[Any, ...] = ()  # values that the last part may take, if they are a few
 
     @property
     def path(self) -> str:
@@ -218,7 +219,7 @@ def _place(root: type[Strict], doc: Any, loc: tuple[int | str, ...]) -> _Place:
         else:
             continue
         parts.append(part)
-    return _Place(tuple(parts), model, length)
+    return _Place(tuple(parts), model, length, tuple(choices_of(annotation)))
 
 
 _NEEDED = {
@@ -300,10 +301,8 @@ def _example(key: str, example: Any) -> str:
 
 
 def _not_one_of(place: _Place, got: Any) -> Problem:
-    field = keys_of(place.model).get(place.key) if place.model else None
-    choices = choices_of(field.annotation if field else None)
-    near = difflib.get_close_matches(str(got), [str(c) for c in choices], 1, 0.6)
-    todo = "write " + " or ".join(toml_text(c) for c in choices)
+    near = difflib.get_close_matches(str(got), [str(c) for c in place.choices], 1, 0.6)
+    todo = "write " + " or ".join(toml_text(c) for c in place.choices)
     return Problem(
         place.path, f"is {toml_text(got)}", todo + (f"; nearest is {toml_text(near[0])}" if near else "")
     )
