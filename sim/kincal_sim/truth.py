@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from kincal_shared.schema.scenario import Coupling
 
-from .mechanics.arm import joint_index, load_spec, per_joint
+from .mechanics.arm import Arm, joint_index, load_spec, per_joint
 from .mechanics.effects import Hysteresis, JointCompliance, JointFunction
 from .mechanics.plant import Conditions, Effect, Encoders, Plant
 from .randomness import generator
@@ -15,10 +17,12 @@ from .transforms import quaternion
 
 HELD_OUT_N = 200
 HELD_OUT_TRIES = 200_000
+DRAWN_AT_ONCE = 500
 
 
-def build_plant(scenario: Scenario) -> Plant:
-    """The arm of a scenario with its errors, encoders, effects, gravity and payload."""
+def build_plant(scenario: Scenario, pictures: bool = True) -> Plant:
+    """The arm of a scenario with its errors, encoders, effects, gravity and payload. pictures: whether any
+    will be taken of it."""
     spec, truth, env = load_spec(), scenario.arm, scenario.env
     n = len(spec["joint"])
     return Plant(
@@ -28,6 +32,7 @@ def build_plant(scenario: Scenario) -> Plant:
         gravity_m_s2=env.gravity_m_s2,
         encoders=Encoders(per_joint(truth.encoder_bias_rad, n), per_joint(truth.encoder_gain, n)),
         effects=_effects(scenario, n),
+        pictures=pictures,
     )
 
 
@@ -108,23 +113,29 @@ def truth_record(scenario: Scenario, plant: Plant, seed: int, mode: str) -> dict
     }
 
 
+def _random_postures(arm: Arm, seed: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Readings inside the limits and sides they are reached from, (n,) each, HELD_OUT_TRIES times."""
+    rng, rng_sides = generator(seed, "held out"), generator(seed, "held out sides")
+    for _ in range(HELD_OUT_TRIES // DRAWN_AT_ONCE):
+        q = rng.uniform(arm.q_min, arm.q_max, (DRAWN_AT_ONCE, arm.n))
+        yield from zip(q, rng_sides.choice([-1, 1], (DRAWN_AT_ONCE, arm.n)), strict=True)
+
+
 def held_out_poses(scenario: Scenario, plant: Plant, seed: int, n: int = HELD_OUT_N) -> list[dict]:
     """n random poses inside the joint limits with the tool in the search region.
 
     Each is reached from a random side: q_rad (readings) and dir [-1, 1], then p_m and q_wxyz, where the tool
     truly is in the base frame. Raises ArithmeticError if too few random poses lie in the region.
     """
-    rng, rng_sides = generator(seed, "held out"), generator(seed, "held out sides")
     arm, region = plant.arm(scenario.env.payload_kg), plant.spec["region"]
     low, high = np.array(region["min_m"]), np.array(region["max_m"])
     found: list[dict] = []
-    for _ in range(HELD_OUT_TRIES):
-        q = rng.uniform(arm.q_min, arm.q_max)
-        side = rng_sides.choice([-1, 1], arm.n)
-        T = plant.settle(conditions(scenario, q, side)).T_base_tool
-        if np.all(T[:3, 3] >= low) and np.all(T[:3, 3] <= high):
+    for q, side in _random_postures(arm, seed):
+        plant.stand(conditions(scenario, q, side))
+        p = arm.p_base_tool_m
+        if (p >= low).all() and (p <= high).all():
             reached = {"q_rad": q.tolist(), "dir": side.tolist()}
-            found.append(reached | {"p_m": T[:3, 3].tolist(), "q_wxyz": quaternion(T).tolist()})
+            found.append(reached | {"p_m": p.tolist(), "q_wxyz": quaternion(arm.T_base_tool).tolist()})
         if len(found) == n:
             return found
     raise ArithmeticError(f"only {len(found)} of {HELD_OUT_TRIES} random poses have the tool in the region")

@@ -16,7 +16,7 @@ from .randomness import generator
 from .scenario import Scenario
 from .transforms import quaternion
 from .truth import build_plant, conditions
-from .vision.imagers import Exposure, Imager, MakeImager, Message
+from .vision.imagers import Exposure, Imager, MakeImager, Message, fast_imager
 
 TRUTH_PERIOD_US = 1_000_000
 JOINT_SLOTS = 8  # entries of a joint vector in a message
@@ -56,7 +56,7 @@ class World:
 
     def __init__(self, scenario: Scenario, seed: int, make_imager: MakeImager):
         self.scenario, self.seed = scenario, seed
-        self.plant = build_plant(scenario)
+        self.plant = build_plant(scenario, pictures=make_imager is not fast_imager)
         self.arm = self.plant.arm(scenario.env.payload_kg)
         self.controller = ArmController(self.arm.spec)
         self.pantilt = PanTiltController(self.arm.spec)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kincal.flight import event_line, event_name, library
 from kincal.rotations import Floats
@@ -216,8 +217,14 @@ def estimated_sigma(p: Proposal) -> list[float]:
 
 def unpack_covariance(packed: ArrayLike, n: int) -> Floats:
     """Covariance (n, n) from its upper triangle stored row by row."""
-    full = np.zeros((n, n))
-    rows, cols = np.triu_indices(n)
-    full[rows, cols] = np.asarray(packed, float)[: len(rows)]
-    out: Floats = full + np.triu(full, 1).T
+    out: Floats = np.asarray(packed, float)[_places(n)]
     return out
+
+
+@cache
+def _places(n: int) -> NDArray[np.intp]:
+    """(n, n) where each entry of a symmetric matrix is in its upper triangle."""
+    at = np.zeros((n, n), np.intp)
+    rows, cols = np.triu_indices(n)
+    at[rows, cols] = at[cols, rows] = np.arange(len(rows))
+    return at

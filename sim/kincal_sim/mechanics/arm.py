@@ -84,7 +84,7 @@ class Arm:
     """MuJoCo model and data of one arm.
 
     spec: as load_spec reads it; errors: as split_errors takes them; gravity_m_s2: (3,) in the base frame;
-    payload_kg: mass in the scoop.
+    payload_kg: mass in the scoop; pictures: whether any will be taken of it.
     n: number of joints; q_min, q_max: (n,) limits [rad]; model, data: MuJoCo's.
     """
 
@@ -94,10 +94,11 @@ class Arm:
         errors: dict[str, float] | None = None,
         gravity_m_s2: Sequence[float] = GRAVITY_EARTH,
         payload_kg: float = 0.0,
+        pictures: bool = True,
     ):
         self.spec = spec or load_spec()
         self.n = len(self.spec["joint"])
-        text = mjcf(self.spec, *split_errors(errors or {}, self.n), payload_kg)
+        text = mjcf(self.spec, *split_errors(errors or {}, self.n), payload_kg, pictures)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.model.opt.gravity[:] = gravity_m_s2
         self.data = mujoco.MjData(self.model)

@@ -21,14 +21,22 @@ TINY_INERTIA = "1e-6 1e-6 1e-6"  # static loads need masses only; MuJoCo's compi
 CAMERA_AXES = ((0, 0, 1), (-1, 0, 0), (0, -1, 0))  # camera in the tilt frame: z forward, x right, y down
 
 
-def mjcf(spec: dict, dh: np.ndarray, base: dict, tool: dict, payload_kg: float = 0.0) -> str:
+def mjcf(
+    spec: dict,
+    dh: np.ndarray,
+    base: dict,
+    tool: dict,
+    payload_kg: float = 0.0,
+    pictures: bool = True,
+) -> str:
     """The whole model as MJCF text.
 
     spec: numbers of models/wam.toml; dh: (n, 4) errors phi [rad], alpha [rad], a [m], d [m]; base, tool:
-    errors of these frames as keywords of transforms.frame_error; payload_kg: mass in the scoop.
+    errors of these frames as keywords of transforms.frame_error; payload_kg: mass in the scoop; pictures:
+    whether any will be taken of it.
     """
     root = ET.Element("mujoco", model=spec["name"])
-    world = _scene(root, spec)
+    world = _scene(root, spec, pictures)
     body = _arm(world, spec, dh, base, tool)
     _scoop(body)
     _tag_plates(body, spec)
@@ -69,12 +77,12 @@ def _geom(body: ET.Element, name: str, kind: str, material: str, **attributes: s
 # ---- parts ------------------------------------------------------------------------------------------
 
 
-def _scene(root: ET.Element, spec: dict) -> ET.Element:
+def _scene(root: ET.Element, spec: dict, pictures: bool) -> ET.Element:
     """Options, materials, light, ice, deck and mast; gives the world body."""
     ET.SubElement(root, "compiler", angle="radian", autolimits="false", fusestatic="false")
     ET.SubElement(root, "option", gravity=_numbers(GRAVITY_EARTH))
     world = ET.SubElement(root, "worldbody")
-    appearance.add_to(root, world)
+    appearance.add_to(root, world, pictures)
     lander = spec["lander"]
     _geom(world, "ice", "plane", "ice", pos=[0, 0, lander["ice_z_m"]], size=[40, 40, 0.1])
     _geom(world, "deck", "box", "deck", pos=lander["deck_xyz_m"], size=lander["deck_half_m"])

@@ -174,6 +174,7 @@ class _Variant:
         self.arm, self.payload_kg = arm, payload_kg
         self.masses_kg = self._masses_of_the_arm()
         self._built_pos, self._built_quat = arm.model.body_pos.copy(), arm.model.body_quat.copy()
+        self._as_built = True
 
     def _masses_of_the_arm(self) -> np.ndarray:
         """Masses by body; zero for those that do not load the arm, like the mast."""
@@ -190,7 +191,9 @@ class _Variant:
     def place(self, q_rad: np.ndarray, pantilt_rad: tuple[float, float], offsets: Offsets) -> None:
         """Stand there, with bodies moved from where they were built."""
         model = self.arm.model
-        model.body_pos[:], model.body_quat[:] = self._built_pos, self._built_quat
+        if not self._as_built:
+            model.body_pos[:], model.body_quat[:] = self._built_pos, self._built_quat
+        self._as_built = not offsets
         for body, E in offsets.items():
             k = model.body(body).id
             T = transform(self._built_pos[k], rotation_matrix(self._built_quat[k])) @ E
@@ -202,7 +205,8 @@ class Plant:
     """One arm as it truly is: errors of its geometry and encoders, effects, and the payloads it may carry.
 
     spec: numbers of the nominal arm (arm.load_spec); errors: as arm.split_errors reads them; payloads_kg:
-    each gets a MuJoCo model of its own; effects: in force unless settle() is given others.
+    each gets a MuJoCo model of its own; effects: in force unless settle() is given others; pictures: whether
+    any will be taken of the arm.
     """
 
     def __init__(
@@ -214,11 +218,13 @@ class Plant:
         gravity_m_s2: Sequence[float] = GRAVITY_EARTH,
         encoders: Encoders | None = None,
         effects: Sequence[Effect] = (),
+        pictures: bool = True,
     ):
         self.spec, self.effects = spec, tuple(effects)
         self.encoders = encoders or Encoders.exact(len(spec["joint"]))
         self._variants = {
-            float(kg): _Variant(Arm(spec, errors, gravity_m_s2, kg), float(kg)) for kg in payloads_kg
+            float(kg): _Variant(Arm(spec, errors, gravity_m_s2, kg, pictures), float(kg))
+            for kg in payloads_kg
         }
 
     def arm(self, payload_kg: float = 0.0) -> Arm:
