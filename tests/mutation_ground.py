@@ -66,7 +66,8 @@ FILES = (
     "schema", "schema_terms", "lcmlog", "hostile", "former", "errors", "outputs",
     "review_details", "keys_details", "tables_details", "uplink_details", "export_details", "link_details",
     "room_on_board", "source_limits",
-    "changes", "operate", "command", "recording",
+    "changes", "operate", "command", "recording", "history", "operate_trouble", "sent_tables", "two_holders",
+    "corrected", "killed", "cli",
 )  # fmt: skip
 
 
