@@ -166,6 +166,15 @@ void test_how_likely_no_change_is_follows_from_what_the_estimate_takes_away(void
     TEST_ASSERT_EQUAL_DOUBLE(1.0, s_p->p_no_change);
 }
 
+/* As many rows as coefficients: nothing is left that could show a poor fit. */
+void test_without_degrees_of_freedom_the_noise_is_as_stated(void)
+{
+    s_est->dof = 0u;
+    proposed();
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_p->noise_scale);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_p->p_fit);
+}
+
 static void expect_sigma_of_covariance(void)
 {
     for (uint32_t i = 0u, k = 0u; i < 28u; k += 28u - i, i++) {
@@ -189,7 +198,10 @@ void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void
 {
     static const uint8_t kept[] = {KC_COEF_MASKED, KC_COEF_HELD};
     kc_kin_t *kin = &parts.tables.active.kin;
-    for (uint32_t c = 0u; c < 28u; c++) { kin->sigma[c] = 0.75; }
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
+        kin->sigma[c] = 0.75;
+    } /* more than there are coefficients */
+    kin->value[28] = 0.25;
     for (uint32_t c = 0u; c < 2u; c++) {
         s_est->status[c] = kept[c];
         kin->value[c] = 0.25;
@@ -202,6 +214,7 @@ void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void
             TEST_ASSERT_EQUAL_DOUBLE(keeps ? kin->value[c] : s_est->coef[c], s_p->kin.value[c]);
             TEST_ASSERT_TRUE(keeps == (s_p->kin.sigma[c] > 0.5));
         }
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_p->kin.sigma[28] + s_p->kin.value[28]);
     }
     TEST_ASSERT_EQUAL_DOUBLE(0.0, s_p->cov[2u * 28u - 1u]);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, s_p->verdict);
@@ -371,6 +384,7 @@ void test_coefficients_that_the_data_leave_open_are_named(void)
     const kc_event_t *e = parts.out.events.e;
     TEST_ASSERT_EQUAL_UINT32(3u, parts.out.events.n);
     TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_RANK, e[0].id);
+    TEST_ASSERT_EQUAL_INT32(-1, e[0].index);
     TEST_ASSERT_EQUAL_DOUBLE(26.0, e[0].got);
     TEST_ASSERT_EQUAL_DOUBLE(28.0, e[0].want);
     for (uint32_t i = 1u; i < 3u; i++) {

@@ -39,17 +39,19 @@ void test_the_offset_of_a_joint_is_what_moves_the_tool_as_the_joint_does(void)
 
 void test_the_prior_is_the_mixture_of_the_bounds_and_of_what_is_known(void)
 {
-    const double chance[KC_JOINT_MAX] = {0.0, 0.25, 1.0, 0.75, 0.0, 0.0, 0.0, 0.0};
+    const double chance[KC_JOINT_MAX] = {0.5, 0.25, 1.0, 0.75, 0.0, 0.0, 0.0, 0.0};
     kc_active_t *a = s_tables;
     kc_est_t *e = &parts.est;
     memcpy(s_suspects.chance, chance, sizeof chance);
     a->config.rest_part = 0.02;
     a->kin.sigma[5] = 0.05 * a->terms.coef[5].scale; /* known worse than that from the last calibration */
     a->kin.sigma[6] = 1e3; /* no worse than its bounds */
+    e->prior_sigma[28] = -1.0; /* there is no such coefficient */
     kc_suspicion_begin(e, &parts.view, &s_suspects, &parts.out);
     expect_event(KC_EVT_CAL_SUSPECTS, -1, 8.0, 12.0);
     TEST_ASSERT_EQUAL_UINT8(1u, e->by_prior);
     TEST_ASSERT_EQUAL_PTR(a->kin.value, e->prior_mean);
+    TEST_ASSERT_EQUAL_DOUBLE(-1.0, e->prior_sigma[28]);
     for (uint32_t c = 0u; c < 28u; c++) {
         const kc_coef_t *k = &a->terms.coef[c];
         double narrow = 0.02 * k->scale, wide = (k->ub - k->lb) / sqrt(12.0),
