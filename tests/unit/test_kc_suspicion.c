@@ -69,12 +69,17 @@ void test_a_coefficient_with_a_prior_of_its_own_is_never_less_certain_than_that(
     kc_active_t *a = s_tables;
     s_suspects.chance[3] = 1.0;
     a->terms.coef[PHI(3u)].prior_sigma = 0.02;
+    s_suspects.chance[2] = 1.0;
     a->terms.coef[1].prior_sigma = 1e-5;
     kc_est_t *e = &parts.est;
     e->opt.use_prior = 1u;
     kc_suspicion_begin(e, &parts.view, &s_suspects, &parts.out);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.02, e->prior_sigma[PHI(3u)]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1e-5, e->prior_sigma[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, kc_est_bound_sigma(&a->terms.coef[PHI(2u)]), e->prior_sigma[PHI(2u)]);
+    e->opt.use_prior = 0u; /* what is not used does not count */
+    kc_suspicion_begin(e, &parts.view, &s_suspects, &parts.out);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, kc_est_bound_sigma(&a->terms.coef[PHI(3u)]), e->prior_sigma[PHI(3u)]);
 }
 
 void test_a_suspicion_is_dropped_where_the_observations_cast_doubt_on_it(void)

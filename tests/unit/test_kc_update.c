@@ -166,6 +166,7 @@ void test_the_newest_pose_is_judged_by_the_estimate_before_it(void)
     TEST_ASSERT_EQUAL_UINT8(0u, s_est->hold_none);
     s_config->stop_rot_rad = 1e-6;
     s_learned->gp_ok = false;
+    s_learned->gp_mean = 3.0;
     solved();
     TEST_ASSERT_EQUAL_UINT32(0u, s_learned->n_checked);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, s_learned->gp_sigma + s_learned->gp_mean);
