@@ -246,6 +246,7 @@ void test_an_exact_camera_leaves_the_predicted_error_of_the_noise(void)
 /* Against the camera, which is off with what it sees, an error of its place counts less than in the base frame. */
 void test_the_predicted_error_is_that_of_the_frame_of_config(void)
 {
+    double bound_m[2];
     given_camera_chain();
     for (uint8_t frame = 0u; frame < 2u; frame++) {
         s_config->frame = frame;
@@ -258,7 +259,20 @@ void test_the_predicted_error_is_that_of_the_frame_of_config(void)
         TEST_ASSERT_TRUE(s_p->pred_camera_pos_m > s_p->pred_noise_pos_m);
         TEST_ASSERT_TRUE(s_p->pred_lander_pos_m > 1.2 * s_p->pred_camera_pos_m);
         TEST_ASSERT_TRUE(s_p->pred_lander_rot_rad > s_p->pred_noise_rot_rad);
+        bound_m[lander] = s_p->bound_pos_m;
     }
+    TEST_ASSERT_TRUE(bound_m[1] > 1.1 * bound_m[0]);
+}
+
+/* It goes on until the last observation, whenever the others were made. */
+void test_drift_counts_until_the_last_observation(void)
+{
+    s_camera->drift_sigma_m_s = 1e-6;
+    proposed();
+    const double at_once = s_p->pred_camera_pos_m;
+    s_est->obs[POSES - 1u].ctx.t_s = 1000.0;
+    proposed();
+    TEST_ASSERT_TRUE(s_p->pred_camera_pos_m > 1.05 * at_once);
 }
 
 void test_sigma_and_covariance_hold_the_camera_chain(void)
@@ -318,9 +332,10 @@ void test_a_required_accuracy_that_the_camera_chain_keeps_away_is_reported(void)
         kc_ended_t ended;
         bool said[2];
     } cases[] = {
-        {0.9, 0.9, KC_ENDED_POSES, {true, true}},         {1.1, 0.9, KC_ENDED_TIME, {false, true}},
-        {0.9, 1.1, KC_ENDED_POSES, {true, false}},        {0.0, 0.0, KC_ENDED_POSES, {false, false}},
-        {0.9, 0.9, KC_ENDED_REQUIREMENT, {false, false}}, {0.9, 0.9, KC_ENDED_NO_CHANGE, {false, false}}};
+        {0.9, 0.9, KC_ENDED_POSES, {true, true}},      {1.1, 0.9, KC_ENDED_TIME, {false, true}},
+        {0.9, 1.1, KC_ENDED_POSES, {true, false}},     {0.0, 0.0, KC_ENDED_POSES, {false, false}},
+        {1.0, 1.0, KC_ENDED_POSES, {false, false}},    {0.9, 0.9, KC_ENDED_REQUIREMENT, {false, false}},
+        {0.9, 0.9, KC_ENDED_NO_CHANGE, {false, false}}};
     given_camera_chain();
     proposed();
     const kc_residual_t chain = s_evaluated.chain;

@@ -182,6 +182,7 @@ void test_the_next_local_initial_pose_is_chosen_among_local_ones(void)
         KC_OC_STAY,
         kc_select_run(&parts.cal, &parts.plan, &s_arena, &rng, &parts.view, &work, &parts.out).id);
     TEST_ASSERT_TRUE(s_arena.choice.initial);
+    TEST_ASSERT_EQUAL_DOUBLE(s_config->local_safe_m * s_config->local_safe_m, s_arena.acq.safe_m2);
     for (uint32_t c = 0u; c < 9u; c++) {
         TEST_ASSERT_EQUAL_UINT8(c == 2u || c == 4u ? 1u : 0u, s_arena.choice.eligible[c]);
     }
