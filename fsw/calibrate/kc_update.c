@@ -256,6 +256,7 @@ static kc_outcome_t evaluate(kc_learned_t *learned, kc_est_t *est, kc_plan_t *pl
     if (answer == KC_LEAVE_OUT_AGAIN) { return kc_outcome(KC_OC_AGAIN); }
     report_outliers(learned, view, out);
     if (answer == KC_LEAVE_OUT_NONE) {
+        if (fits) { worst = without - 1u; } /* the rest agrees, but that one was seen twice alike */
         kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)plan->pose_of[worst], learned->dp_m[worst],
                  learned->dr_rad[worst]);
         return kc_abort_for(KC_CAUSE_MODEL_MISMATCH);

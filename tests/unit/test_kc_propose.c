@@ -166,6 +166,15 @@ void test_how_likely_no_change_is_follows_from_what_the_estimate_takes_away(void
     TEST_ASSERT_EQUAL_DOUBLE(1.0, s_p->p_no_change);
 }
 
+/* As many rows as coefficients: nothing is left that could show a poor fit. */
+void test_without_degrees_of_freedom_the_noise_is_as_stated(void)
+{
+    s_est->dof = 0u;
+    proposed();
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_p->noise_scale);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_p->p_fit);
+}
+
 static void expect_sigma_of_covariance(void)
 {
     for (uint32_t i = 0u, k = 0u; i < 28u; k += 28u - i, i++) {
@@ -189,7 +198,10 @@ void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void
 {
     static const uint8_t kept[] = {KC_COEF_MASKED, KC_COEF_HELD};
     kc_kin_t *kin = &parts.tables.active.kin;
-    for (uint32_t c = 0u; c < 28u; c++) { kin->sigma[c] = 0.75; }
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
+        kin->sigma[c] = 0.75;
+    } /* more than there are coefficients */
+    kin->value[28] = 0.25;
     for (uint32_t c = 0u; c < 2u; c++) {
         s_est->status[c] = kept[c];
         kin->value[c] = 0.25;
@@ -202,6 +214,7 @@ void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void
             TEST_ASSERT_EQUAL_DOUBLE(keeps ? kin->value[c] : s_est->coef[c], s_p->kin.value[c]);
             TEST_ASSERT_TRUE(keeps == (s_p->kin.sigma[c] > 0.5));
         }
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_p->kin.sigma[28] + s_p->kin.value[28]);
     }
     TEST_ASSERT_EQUAL_DOUBLE(0.0, s_p->cov[2u * 28u - 1u]);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, s_p->verdict);
@@ -233,6 +246,7 @@ void test_an_exact_camera_leaves_the_predicted_error_of_the_noise(void)
 /* Against the camera, which is off with what it sees, an error of its place counts less than in the base frame. */
 void test_the_predicted_error_is_that_of_the_frame_of_config(void)
 {
+    double bound_m[2];
     given_camera_chain();
     for (uint8_t frame = 0u; frame < 2u; frame++) {
         s_config->frame = frame;
@@ -245,7 +259,20 @@ void test_the_predicted_error_is_that_of_the_frame_of_config(void)
         TEST_ASSERT_TRUE(s_p->pred_camera_pos_m > s_p->pred_noise_pos_m);
         TEST_ASSERT_TRUE(s_p->pred_lander_pos_m > 1.2 * s_p->pred_camera_pos_m);
         TEST_ASSERT_TRUE(s_p->pred_lander_rot_rad > s_p->pred_noise_rot_rad);
+        bound_m[lander] = s_p->bound_pos_m;
     }
+    TEST_ASSERT_TRUE(bound_m[1] > 1.1 * bound_m[0]);
+}
+
+/* It goes on until the last observation, whenever the others were made. */
+void test_drift_counts_until_the_last_observation(void)
+{
+    s_camera->drift_sigma_m_s = 1e-6;
+    proposed();
+    const double at_once = s_p->pred_camera_pos_m;
+    s_est->obs[POSES - 1u].ctx.t_s = 1000.0;
+    proposed();
+    TEST_ASSERT_TRUE(s_p->pred_camera_pos_m > 1.05 * at_once);
 }
 
 void test_sigma_and_covariance_hold_the_camera_chain(void)
@@ -305,9 +332,10 @@ void test_a_required_accuracy_that_the_camera_chain_keeps_away_is_reported(void)
         kc_ended_t ended;
         bool said[2];
     } cases[] = {
-        {0.9, 0.9, KC_ENDED_POSES, {true, true}},         {1.1, 0.9, KC_ENDED_TIME, {false, true}},
-        {0.9, 1.1, KC_ENDED_POSES, {true, false}},        {0.0, 0.0, KC_ENDED_POSES, {false, false}},
-        {0.9, 0.9, KC_ENDED_REQUIREMENT, {false, false}}, {0.9, 0.9, KC_ENDED_NO_CHANGE, {false, false}}};
+        {0.9, 0.9, KC_ENDED_POSES, {true, true}},      {1.1, 0.9, KC_ENDED_TIME, {false, true}},
+        {0.9, 1.1, KC_ENDED_POSES, {true, false}},     {0.0, 0.0, KC_ENDED_POSES, {false, false}},
+        {1.0, 1.0, KC_ENDED_POSES, {false, false}},    {0.9, 0.9, KC_ENDED_REQUIREMENT, {false, false}},
+        {0.9, 0.9, KC_ENDED_NO_CHANGE, {false, false}}};
     given_camera_chain();
     proposed();
     const kc_residual_t chain = s_evaluated.chain;
@@ -371,6 +399,7 @@ void test_coefficients_that_the_data_leave_open_are_named(void)
     const kc_event_t *e = parts.out.events.e;
     TEST_ASSERT_EQUAL_UINT32(3u, parts.out.events.n);
     TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_RANK, e[0].id);
+    TEST_ASSERT_EQUAL_INT32(-1, e[0].index);
     TEST_ASSERT_EQUAL_DOUBLE(26.0, e[0].got);
     TEST_ASSERT_EQUAL_DOUBLE(28.0, e[0].want);
     for (uint32_t i = 1u; i < 3u; i++) {

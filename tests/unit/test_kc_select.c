@@ -161,6 +161,33 @@ void test_it_ends_for_the_reason_that_there_is(void)
     TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, parts.cal.ended);
 }
 
+/* While only local initial poses were measured, the choice is among those of them that were not begun. */
+void test_the_next_local_initial_pose_is_chosen_among_local_ones(void)
+{
+    kc_space_t *s = &parts.tables.active.space;
+    given_session();
+    given_measured(1u, 0.0, 0.0, 0.0); /* as predicted: no doubt */
+    s->n_initial = 4u;
+    for (uint32_t i = 0u; i < 4u; i++) {
+        s->initial[i] = (uint16_t)(2u * i);
+        s->cand[2u * i].why |= i < 3u ? KC_CAND_LOCAL : 0u;
+    }
+    parts.plan.by_information = true;
+    parts.plan.begun = 1u;
+    parts.plan.n_meas = parts.plan.n_local = 1u;
+    memset(&s_arena, 0, sizeof s_arena);
+    kc_work_t work = {1u, 0u};
+    uint64_t rng = 1u;
+    TEST_ASSERT_EQUAL_INT(
+        KC_OC_STAY,
+        kc_select_run(&parts.cal, &parts.plan, &s_arena, &rng, &parts.view, &work, &parts.out).id);
+    TEST_ASSERT_TRUE(s_arena.choice.initial);
+    TEST_ASSERT_EQUAL_DOUBLE(s_config->local_safe_m * s_config->local_safe_m, s_arena.acq.safe_m2);
+    for (uint32_t c = 0u; c < 9u; c++) {
+        TEST_ASSERT_EQUAL_UINT8(c == 2u || c == 4u ? 1u : 0u, s_arena.choice.eligible[c]);
+    }
+}
+
 /* One candidate a step, in which no more fits; those that may be chosen are eight of nine. */
 void test_joints_and_cost_are_predicted_for_every_candidate_that_may_be_chosen(void)
 {

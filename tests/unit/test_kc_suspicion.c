@@ -39,17 +39,19 @@ void test_the_offset_of_a_joint_is_what_moves_the_tool_as_the_joint_does(void)
 
 void test_the_prior_is_the_mixture_of_the_bounds_and_of_what_is_known(void)
 {
-    const double chance[KC_JOINT_MAX] = {0.0, 0.25, 1.0, 0.75, 0.0, 0.0, 0.0, 0.0};
+    const double chance[KC_JOINT_MAX] = {0.5, 0.25, 1.0, 0.75, 0.0, 0.0, 0.0, 0.0};
     kc_active_t *a = s_tables;
     kc_est_t *e = &parts.est;
     memcpy(s_suspects.chance, chance, sizeof chance);
     a->config.rest_part = 0.02;
     a->kin.sigma[5] = 0.05 * a->terms.coef[5].scale; /* known worse than that from the last calibration */
     a->kin.sigma[6] = 1e3; /* no worse than its bounds */
+    e->prior_sigma[28] = -1.0; /* there is no such coefficient */
     kc_suspicion_begin(e, &parts.view, &s_suspects, &parts.out);
     expect_event(KC_EVT_CAL_SUSPECTS, -1, 8.0, 12.0);
     TEST_ASSERT_EQUAL_UINT8(1u, e->by_prior);
     TEST_ASSERT_EQUAL_PTR(a->kin.value, e->prior_mean);
+    TEST_ASSERT_EQUAL_DOUBLE(-1.0, e->prior_sigma[28]);
     for (uint32_t c = 0u; c < 28u; c++) {
         const kc_coef_t *k = &a->terms.coef[c];
         double narrow = 0.02 * k->scale, wide = (k->ub - k->lb) / sqrt(12.0),
@@ -67,12 +69,17 @@ void test_a_coefficient_with_a_prior_of_its_own_is_never_less_certain_than_that(
     kc_active_t *a = s_tables;
     s_suspects.chance[3] = 1.0;
     a->terms.coef[PHI(3u)].prior_sigma = 0.02;
+    s_suspects.chance[2] = 1.0;
     a->terms.coef[1].prior_sigma = 1e-5;
     kc_est_t *e = &parts.est;
     e->opt.use_prior = 1u;
     kc_suspicion_begin(e, &parts.view, &s_suspects, &parts.out);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.02, e->prior_sigma[PHI(3u)]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1e-5, e->prior_sigma[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, kc_est_bound_sigma(&a->terms.coef[PHI(2u)]), e->prior_sigma[PHI(2u)]);
+    e->opt.use_prior = 0u; /* what is not used does not count */
+    kc_suspicion_begin(e, &parts.view, &s_suspects, &parts.out);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, kc_est_bound_sigma(&a->terms.coef[PHI(3u)]), e->prior_sigma[PHI(3u)]);
 }
 
 void test_a_suspicion_is_dropped_where_the_observations_cast_doubt_on_it(void)

@@ -145,9 +145,11 @@ void test_the_newest_pose_is_judged_by_the_estimate_before_it(void)
     for (uint32_t k = 1u; k < POSES - 1u; k++) { parts.plan.obs_of[k] = (uint8_t)(k + 1u); }
     parts.plan.n_meas = POSES - 1u;
     s_learned->n_checked = 4u;
+    s_learned->dr_rad[POSES] = -1.0; /* not observed */
     s_config->stop_rot_rad = 1.0;
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, solve());
     for (uint32_t i = 0u; i < POSES; i++) { TEST_ASSERT_DOUBLE_WITHIN(2e-3, PHI, s_learned->dr_rad[i]); }
+    TEST_ASSERT_EQUAL_DOUBLE(-1.0, s_learned->dr_rad[POSES]);
     for (uint32_t k = 0u; k < POSES - 1u; k++) {
         dp[k] = s_learned->dp_m[parts.plan.obs_of[k]];
         dr[k] = s_learned->dr_rad[parts.plan.obs_of[k]];
@@ -164,6 +166,7 @@ void test_the_newest_pose_is_judged_by_the_estimate_before_it(void)
     TEST_ASSERT_EQUAL_UINT8(0u, s_est->hold_none);
     s_config->stop_rot_rad = 1e-6;
     s_learned->gp_ok = false;
+    s_learned->gp_mean = 3.0;
     solved();
     TEST_ASSERT_EQUAL_UINT32(0u, s_learned->n_checked);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, s_learned->gp_sigma + s_learned->gp_mean);
@@ -395,6 +398,27 @@ void test_a_pose_that_no_correction_explains_ends_it(void)
         expect_event(KC_EVT_CAL_MODEL_MISMATCH, (int32_t)parts.plan.pose_of[parts.out.events.e[0].index - 1],
                      parts.out.events.e[0].got, parts.out.events.e[0].want);
     }
+}
+
+/* The others agree without it, but it is no bad detection if the pose was seen alike twice. */
+void test_a_pose_that_was_left_out_and_seen_twice_alike_is_the_one_that_nothing_explains(void)
+{
+    parts.plan.n_local = parts.plan.n_meas;
+    s_est->without = 3u;
+    solved();
+    s_learned->leave_out.decided = true;
+    for (uint32_t k = 0u; k < POSES; k++) { parts.plan.cand_of[k] = (uint16_t)k; }
+    parts.plan.cand_of[5] = 2u;
+    s_est->obs[5] = s_est->obs[2];
+    kc_outcome_t oc = learn();
+    TEST_ASSERT_EQUAL_INT(KC_OC_ABORT, oc.id);
+    TEST_ASSERT_EQUAL_INT(KC_CAUSE_MODEL_MISMATCH, oc.cause);
+    const kc_event_t *e = parts.out.events.e;
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_OUTLIER, e[0].id);
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_MODEL_MISMATCH, e[1].id);
+    TEST_ASSERT_EQUAL_INT32(parts.plan.pose_of[2], e[1].index);
+    TEST_ASSERT_EQUAL_DOUBLE(s_learned->dp_m[2], e[1].got);
+    TEST_ASSERT_EQUAL_DOUBLE(s_learned->dr_rad[2], e[1].want);
 }
 
 void test_a_prior_that_the_poses_contradict_is_dropped_and_the_estimate_made_again(void)
