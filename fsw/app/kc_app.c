@@ -21,7 +21,7 @@ void kc_app_init(kc_app_t *app)
         .telemetry = &app->input.telemetry,
         .cal = &app->cal,
         .plan = &app->plan,
-        .learned = &app->learned,
+        .latest = &app->latest,
         .est = &app->est,
         .servo_steps = &app->observe.servo_steps,
     };

@@ -38,7 +38,7 @@ struct kc_app {
     /* the calibration */
     kc_cal_t cal;
     kc_plan_t plan;
-    kc_learned_t learned;
+    kc_latest_t latest;
     kc_update_t update;
     kc_est_t est;
     kc_evaluated_t evaluated;

@@ -90,7 +90,7 @@ static kc_answer_t start(kc_app_t *app, const kc_cmd_t *cmd, kc_work_t *work, kc
     }
     kc_tbl_discard(&app->tables, &out->events);
     kc_select_start(&app->cal, &app->plan, v, &ask, out);
-    kc_update_start(&app->learned, &app->est, &app->arena.calibration, v, ask.free_mask);
+    kc_update_start(&app->latest, &app->est, &app->arena.calibration, v, ask.free_mask);
     if (ask.suspects) { kc_suspicion_begin(&app->est, v, &app->monitoring.suspects, out); }
     kc_observe_begin(&app->observe);
     app->rng = ask.seed;

@@ -313,7 +313,7 @@ void kc_input_detection(kc_input_t *input, kc_request_t *request, const kc_frame
     if (!det_requested(request, out, det) || !det_age(view, request, out, det) || !det_ok(view, out, det)) {
         return;
     }
-    kc_observation_unflip(view->tables, view->learned->coef, &at, &unflipped);
+    kc_observation_unflip(view->tables, view->latest->coef, &at, &unflipped);
     bool certain = det->n_tags == 0u ||
                    (det_good(view, out, det) && det_steady(view, frames, out, &unflipped));
     input->n_rejected += certain ? 0u : 1u;

@@ -93,7 +93,7 @@ static kc_outcome_t select_next(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     kc_outcome_t oc = kc_select_run(&app->cal, &app->plan, arena, &app->rng, v, work, out);
     if (oc.id == KC_OC_AGAIN) {
         kc_plan_by_table(&app->plan, &v->tables->space, &v->tables->config);
-        kc_update_start(&app->learned, &app->est, arena, v, app->est.opt.free_mask);
+        kc_update_start(&app->latest, &app->est, arena, v, app->est.opt.free_mask);
         kc_work_spend(work, kc_update_start_cost(v));
     }
     if (oc.id != KC_OC_DONE) { return oc; }
@@ -195,12 +195,12 @@ static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     case KC_ST_OBSERVE: return kc_observe_run(&app->observe, &app->request, v, out);
     case KC_ST_SEARCH: return kc_observe_search(&app->observe, &app->request, v, out);
     case KC_ST_MEASURE: return measure(app, out);
-    case KC_ST_UPDATE: return kc_update_solve(&app->update, &app->learned, &app->est, &arena->gp, v, work);
-    case KC_ST_REFINE: return kc_update_refine(&app->update, &app->learned, &app->est, v, work);
+    case KC_ST_UPDATE: return kc_update_solve(&app->update, &app->latest, &app->est, &arena->gp, v, work);
+    case KC_ST_REFINE: return kc_update_refine(&app->update, &app->latest, &app->est, v, work);
     case KC_ST_LEARN:
-        return kc_update_learn(&app->update, &app->learned, &app->est, &app->plan, arena, v, work, out);
+        return kc_update_learn(&app->update, &app->latest, &app->est, &app->plan, arena, v, work, out);
     case KC_ST_REPORT:
-        return kc_update_report(&app->update, &app->learned, &app->evaluated, &arena->evaluation, v, work,
+        return kc_update_report(&app->update, &app->latest, &app->evaluated, &arena->evaluation, v, work,
                                 out);
     case KC_ST_SELECT: return select_next(app, work, out);
     case KC_ST_PROPOSE: return propose(app, work, out);

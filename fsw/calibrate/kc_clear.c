@@ -11,11 +11,11 @@ static double clearance_m(kc_guard_request_t *request, const kc_view_t *view, ui
                           uint64_t *cost)
 {
     double changed[KC_COEF_MAX];
-    memcpy(changed, view->learned->coef, sizeof changed);
+    memcpy(changed, view->latest->coef, sizeof changed);
     changed[coef] += by;
     request->coef = changed;
     double d = kc_guard_clearance_at(request, cost);
-    request->coef = view->learned->coef;
+    request->coef = view->latest->coef;
     return d;
 }
 
@@ -29,7 +29,7 @@ bool kc_clear_step(const kc_view_t *view, const float *q, const kc_acq_work_t *a
     kc_view_ctx(view, 0u, &ctx);
     kc_guard_request_t request = {.arm = &a->arm,
                                   .terms = &a->terms,
-                                  .coef = view->learned->coef,
+                                  .coef = view->latest->coef,
                                   .space = &a->space,
                                   .ctx = &ctx,
                                   .q_from = at,

@@ -89,7 +89,7 @@ static bool consider(kc_evaluated_t *evaluated, kc_consider_t *chain, const kc_v
     if (evaluated->considered) { return true; }
     if (!kc_work_take(work, KC_CONSIDER_END_COST)) { return false; }
     evaluated->considered = true;
-    bool solved = kc_fit_solved(view->learned->status);
+    bool solved = kc_fit_solved(view->latest->status);
     if (solved) {
         kc_consider_visible(chain, e, counted(view));
         kc_consider_end(chain, e);
@@ -113,7 +113,7 @@ bool kc_evaluation_estimated(uint8_t status)
 
 void kc_evaluation_values(const kc_view_t *view, double *value)
 {
-    const bool solved = kc_fit_solved(view->learned->status);
+    const bool solved = kc_fit_solved(view->latest->status);
     for (uint32_t c = 0u; c < view->tables->terms.n_coef; c++) {
         value[c] = solved && kc_evaluation_estimated(view->est->status[c]) ? view->est->coef[c]
                                                                            : view->tables->kin.value[c];
@@ -188,15 +188,14 @@ double kc_evaluation_change_m(const kc_evaluated_t *evaluated, const kc_view_t *
 static double bound(const kc_evaluation_t *evaluation, const kc_view_t *view, const float *sums, double scale,
                     double rms)
 {
-    if (!kc_fit_solved(view->learned->status)) { return rms; } /* there is no covariance */
+    if (!kc_fit_solved(view->latest->status)) { return rms; } /* there is no covariance */
     double dof = kc_accuracy_dof(&evaluation->error, sums, view->est, scale, evaluation->chain.b_after);
     return kc_accuracy_bound(rms, dof, view->tables->config.stop_confidence);
 }
 
 static void predict(kc_evaluated_t *evaluated, const kc_view_t *view)
 {
-    const kc_residual_t *noise =
-        &view->learned->pred; /* scaled by residuals that hold the chain's part too */
+    const kc_residual_t *noise = &view->latest->pred; /* scaled by residuals that hold the chain's part too */
     const double scale = kc_max(1.0, evaluated->fit.noise_scale) / kc_max(1.0, view->est->noise_scale);
     const double pos2 = in_camera(view) ? evaluated->camera_pos2 : evaluated->lander_pos2;
     const double rot2 = in_camera(view) ? evaluated->camera_rot2 : evaluated->lander_rot2;

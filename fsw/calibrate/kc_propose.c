@@ -32,7 +32,7 @@ static void fill_kin(const kc_evaluated_t *evaluated, const kc_consider_t *chain
     kin->n_coef = a->terms.n_coef;
     kc_evaluation_values(view, kin->value);
     for (uint32_t c = 0u; c < kin->n_coef; c++) {
-        bool est = kc_fit_solved(view->learned->status) && kc_evaluation_estimated(e->status[c]);
+        bool est = kc_fit_solved(view->latest->status) && kc_evaluation_estimated(e->status[c]);
         kin->sigma[c] = est ? sigma(evaluated, chain, e, c) : a->kin.sigma[c];
     }
     kin->arm_crc = a->crc[KC_TBL_ARM];
@@ -48,7 +48,7 @@ static void fill_cov(const kc_evaluated_t *evaluated, const kc_consider_t *chain
                      kc_proposal_t *proposal)
 {
     uint32_t at = 0u;
-    if (!kc_fit_solved(view->learned->status)) { return; }
+    if (!kc_fit_solved(view->latest->status)) { return; }
     for (uint32_t i = 0u; i < proposal->kin.n_coef; i++) {
         for (uint32_t k = i; k < proposal->kin.n_coef; k++) {
             proposal->cov[at++] = cov(evaluated, chain, view->est, i, k);
@@ -103,7 +103,7 @@ static void fill_predicted(const kc_evaluated_t *evaluated, const kc_view_t *vie
     proposal->bound_pos_m = evaluated->bound.pos_m;
     proposal->bound_rot_rad = evaluated->bound.rot_rad;
     proposal->ended = (uint8_t)view->cal->ended;
-    proposal->n_checked = view->learned->n_checked;
+    proposal->n_checked = view->latest->n_checked;
 }
 
 static void make(const kc_evaluated_t *evaluated, const kc_consider_t *chain, const kc_view_t *view,
@@ -114,8 +114,8 @@ static void make(const kc_evaluated_t *evaluated, const kc_consider_t *chain, co
     fill_before(evaluated, proposal);
     fill_cov(evaluated, chain, view, proposal);
     fill_predicted(evaluated, view, proposal);
-    proposal->verdict = (int32_t)kc_verdict(&view->tables->config, view->est, view->learned->status,
-                                            &evaluated->fit, view->learned->tested_early);
+    proposal->verdict = (int32_t)kc_verdict(&view->tables->config, view->est, view->latest->status,
+                                            &evaluated->fit, view->latest->tested_early);
 }
 
 /* Coefficients that the data could not determine. */

@@ -96,7 +96,7 @@ static kc_status_t at_once(kc_cal_t *cal, kc_arena_calibration_t *arena, uint64_
     uint32_t cand = 0u;
     kc_status_t st = KC_ERR_ARG;
     cal->chosen_by = (int32_t)cal->acq;
-    if (cal->acq == KC_ACQ_UCB && view->learned->gp_ok) {
+    if (cal->acq == KC_ACQ_UCB && view->latest->gp_ok) {
         double beta = kc_acq_beta(a->space.n_cand, view->plan->n_meas + 1u, a->config.beta_scale);
         st = kc_acq_ucb(&arena->gp, usable, beta, &cand, &cal->acq_value);
     }
@@ -117,7 +117,7 @@ static bool informed(const kc_cal_t *cal)
 
 static bool by_information(const kc_cal_t *cal, const kc_view_t *view)
 {
-    return informed(cal) && view->plan->n_meas > 0u && kc_fit_solved(view->learned->status);
+    return informed(cal) && view->plan->n_meas > 0u && kc_fit_solved(view->latest->status);
 }
 
 /* What is asked of the information criteria: by the acquisition, or (local) among local initial poses. By the bounds,
@@ -289,7 +289,7 @@ static kc_outcome_t finish(kc_cal_t *cal, const kc_view_t *view, kc_ended_t ende
 /* Why no pose is to come, or NOT. */
 static kc_ended_t at_its_end(const kc_view_t *view)
 {
-    if (view->learned->ended != KC_ENDED_NOT) { return view->learned->ended; }
+    if (view->latest->ended != KC_ENDED_NOT) { return view->latest->ended; }
     if (!kc_plan_complete(view->plan, &view->tables->space)) { return KC_ENDED_NOT; }
     return view->plan->n_meas < view->plan->n_own + view->plan->n_local ? KC_ENDED_OBSERVATIONS
                                                                         : KC_ENDED_POSES;
@@ -302,7 +302,7 @@ static bool doubtful(const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
     double p = 0.0;
-    bool doubt = kc_local_doubt(c, view->est, view->learned->status, &p);
+    bool doubt = kc_local_doubt(c, view->est, view->latest->status, &p);
     if (doubt) { kc_event(&out->events, KC_EVT_CAL_DOUBT, (int32_t)view->plan->n_meas, p, c->doubt_p); }
     return doubt;
 }

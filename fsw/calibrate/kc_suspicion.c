@@ -59,7 +59,7 @@ bool kc_suspicion_fails(kc_est_t *est, const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
     double p = 0.0;
-    if (est->by_prior == 0u || !kc_local_doubt(c, est, view->learned->status, &p)) { return false; }
+    if (est->by_prior == 0u || !kc_local_doubt(c, est, view->latest->status, &p)) { return false; }
     est->by_prior = 0u;
     kc_event(&out->events, KC_EVT_CAL_SUSPECTS_DROPPED, (int32_t)view->plan->n_meas, p, c->doubt_p);
     return true;

@@ -23,12 +23,12 @@ static void take_candidates(kc_arena_calibration_t *work, const kc_space_t *spac
     }
 }
 
-void kc_update_start(kc_learned_t *learned, kc_est_t *est, kc_arena_calibration_t *work,
-                     const kc_view_t *view, uint64_t free_mask)
+void kc_update_start(kc_latest_t *latest, kc_est_t *est, kc_arena_calibration_t *work, const kc_view_t *view,
+                     uint64_t free_mask)
 {
     const kc_active_t *a = view->tables;
-    memset(learned, 0, sizeof *learned);
-    memcpy(learned->coef, a->kin.value, sizeof learned->coef);
+    memset(latest, 0, sizeof *latest);
+    memcpy(latest->coef, a->kin.value, sizeof latest->coef);
     take_candidates(work, &a->space);
     est->arm = &a->arm;
     est->terms = &a->terms;
@@ -40,7 +40,7 @@ void kc_update_start(kc_learned_t *learned, kc_est_t *est, kc_arena_calibration_
     est->without = 0u;
     est->n_obs = 0u;
     est->rank = est->n_free = 0u; /* an ABORT may have left an estimate half done */
-    learned->gp_ok = kc_gp_init(&work->gp, &a->kernel, 0u, work->cand_pt, a->space.n_cand) == KC_OK;
+    latest->gp_ok = kc_gp_init(&work->gp, &a->kernel, 0u, work->cand_pt, a->space.n_cand) == KC_OK;
 }
 
 uint64_t kc_update_start_cost(const kc_view_t *view)
@@ -58,31 +58,31 @@ static kc_residual_t residual_of(const kc_view_t *view, const double *coef, uint
 }
 
 /* Residuals of all observations at coef into dp_m, dr_rad. False: goes on in the next step. */
-static bool residuals(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view, const double *coef,
+static bool residuals(kc_update_t *cursor, kc_latest_t *latest, const kc_view_t *view, const double *coef,
                       kc_work_t *work)
 {
     const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, coef, false);
     for (; cursor->i < view->plan->n_obs; cursor->i++) {
         if (!kc_work_take(work, cost)) { return false; }
         kc_residual_t residual = residual_of(view, coef, cursor->i);
-        learned->dp_m[cursor->i] = residual.pos_m;
-        learned->dr_rad[cursor->i] = residual.rot_rad;
+        latest->dp_m[cursor->i] = residual.pos_m;
+        latest->dr_rad[cursor->i] = residual.rot_rad;
     }
     return true;
 }
 
 /* Objective of all poses from their residuals with the latest correction; observations on the way to them are not in
  * it. */
-static void objective(kc_learned_t *learned, const kc_view_t *view)
+static void objective(kc_latest_t *latest, const kc_view_t *view)
 {
     const kc_config_t *c = &view->tables->config;
     const kc_plan_t *p = view->plan;
     double dp_m[KC_MEAS_MAX], dr_rad[KC_MEAS_MAX];
     for (uint32_t k = 0u; k < p->n_meas; k++) {
-        dp_m[k] = learned->dp_m[p->obs_of[k]];
-        dr_rad[k] = learned->dr_rad[p->obs_of[k]];
+        dp_m[k] = latest->dp_m[p->obs_of[k]];
+        dr_rad[k] = latest->dr_rad[p->obs_of[k]];
     }
-    kc_acq_objective(dp_m, dr_rad, p->n_meas, c->a1, c->sp_floor_m, c->sq_floor_rad, learned->y);
+    kc_acq_objective(dp_m, dr_rad, p->n_meas, c->a1, c->sp_floor_m, c->sq_floor_rad, latest->y);
 }
 
 /* Observation of the newest pose. */
@@ -112,9 +112,9 @@ static void next_part(kc_update_t *cursor)
     cursor->i = 0u;
 }
 
-static uint64_t gp_cost(const kc_learned_t *learned, const kc_gp_t *gp)
+static uint64_t gp_cost(const kc_latest_t *latest, const kc_gp_t *gp)
 {
-    return learned->gp_ok ? kc_gp_cost(gp) : 0u;
+    return latest->gp_ok ? kc_gp_cost(gp) : 0u;
 }
 
 /* ---- UPDATE, REFINE ---- */
@@ -125,22 +125,22 @@ static void solve_from(kc_est_t *est, const double *start)
     kc_est_begin(est);
 }
 
-static bool solved(kc_learned_t *learned, kc_est_t *est, kc_work_t *work)
+static bool solved(kc_latest_t *latest, kc_est_t *est, kc_work_t *work)
 {
     if (!kc_est_step(est, work)) { return false; }
-    learned->status = est->job.status;
+    latest->status = est->job.status;
     return true;
 }
 
-static bool predicts_better(const kc_learned_t *learned, const kc_view_t *view, uint32_t newest)
+static bool predicts_better(const kc_latest_t *latest, const kc_view_t *view, uint32_t newest)
 {
-    if (newest == 0u || !kc_fit_solved(learned->status)) { return false; }
+    if (newest == 0u || !kc_fit_solved(latest->status)) { return false; }
     return kc_fit_predicts_better(&view->tables->config, residual_of(view, view->est->coef, newest),
-                                  learned->res);
+                                  latest->res);
 }
 
 /* What the newest pose says of the estimate before it; a new one begins. */
-static void begin_estimate(kc_learned_t *learned, kc_est_t *est, const kc_gp_t *gp, const kc_view_t *view)
+static void begin_estimate(kc_latest_t *latest, kc_est_t *est, const kc_gp_t *gp, const kc_view_t *view)
 {
     const kc_plan_t *p = view->plan;
     uint32_t newest = newest_obs(view);
@@ -150,30 +150,30 @@ static void begin_estimate(kc_learned_t *learned, kc_est_t *est, const kc_gp_t *
     bool few = kc_plan_only_local(p) || (p->by_information && !kc_plan_enough(p));
     est->hold_none = few || est->by_prior != 0u ? 1u : 0u;
     est->by_bounds = p->by_information ? 1u : 0u;
-    objective(learned, view);
-    learned->res = (kc_residual_t){learned->dp_m[newest], learned->dr_rad[newest]};
-    learned->f = learned->y[p->n_meas - 1u];
-    learned->trusted = predicts_better(learned, view, newest);
-    bool checked = kc_fit_checked(&view->tables->config, learned->res, view->est->obs[newest].cov);
-    learned->n_checked = checked ? learned->n_checked + 1u : 0u;
-    learned->gp_mean = 0.0;
-    if (learned->gp_ok) { kc_gp_predict(gp, &x, &learned->gp_mean, &var); }
-    learned->gp_sigma = kc_sqrt(kc_max(var, 0.0));
+    objective(latest, view);
+    latest->res = (kc_residual_t){latest->dp_m[newest], latest->dr_rad[newest]};
+    latest->f = latest->y[p->n_meas - 1u];
+    latest->trusted = predicts_better(latest, view, newest);
+    bool checked = kc_fit_checked(&view->tables->config, latest->res, view->est->obs[newest].cov);
+    latest->n_checked = checked ? latest->n_checked + 1u : 0u;
+    latest->gp_mean = 0.0;
+    if (latest->gp_ok) { kc_gp_predict(gp, &x, &latest->gp_mean, &var); }
+    latest->gp_sigma = kc_sqrt(kc_max(var, 0.0));
     solve_from(est, view->tables->kin.value);
 }
 
-kc_outcome_t kc_update_solve(kc_update_t *cursor, kc_learned_t *learned, kc_est_t *est, const kc_gp_t *gp,
+kc_outcome_t kc_update_solve(kc_update_t *cursor, kc_latest_t *latest, kc_est_t *est, const kc_gp_t *gp,
                              const kc_view_t *view, kc_work_t *work)
 {
     if (cursor->part == 0u) {
-        if (!residuals(cursor, learned, view, learned->coef, work) ||
-            !kc_work_take(work, gp_cost(learned, gp))) {
+        if (!residuals(cursor, latest, view, latest->coef, work) ||
+            !kc_work_take(work, gp_cost(latest, gp))) {
             return kc_outcome(KC_OC_STAY);
         }
-        begin_estimate(learned, est, gp, view);
+        begin_estimate(latest, est, gp, view);
         next_part(cursor);
     }
-    return kc_outcome(solved(learned, est, work) ? KC_OC_DONE : KC_OC_STAY);
+    return kc_outcome(solved(latest, est, work) ? KC_OC_DONE : KC_OC_STAY);
 }
 
 static bool differ(const double *a, const double *b)
@@ -184,27 +184,27 @@ static bool differ(const double *a, const double *b)
 }
 
 /* Parts: is it needed; the second start; the first one again if that was better. */
-kc_outcome_t kc_update_refine(kc_update_t *cursor, kc_learned_t *learned, kc_est_t *est,
-                              const kc_view_t *view, kc_work_t *work)
+kc_outcome_t kc_update_refine(kc_update_t *cursor, kc_latest_t *latest, kc_est_t *est, const kc_view_t *view,
+                              kc_work_t *work)
 {
     const double *start = view->tables->kin.value;
     if (cursor->part == 0u) {
-        cursor->first = kc_fit_quality(est, learned->status);
+        cursor->first = kc_fit_quality(est, latest->status);
         if (!kc_fit_needs_second_start(&view->tables->config, &cursor->first) ||
-            !differ(learned->coef, start)) {
+            !differ(latest->coef, start)) {
             return kc_outcome(KC_OC_DONE);
         }
-        solve_from(est, learned->coef);
+        solve_from(est, latest->coef);
         next_part(cursor);
     }
-    if (!solved(learned, est, work)) { return kc_outcome(KC_OC_STAY); }
+    if (!solved(latest, est, work)) { return kc_outcome(KC_OC_STAY); }
     if (cursor->part == 1u) {
-        kc_fit_quality_t second = kc_fit_quality(est, learned->status);
+        kc_fit_quality_t second = kc_fit_quality(est, latest->status);
         if (kc_fit_second_is_better(&cursor->first, &second)) { return kc_outcome(KC_OC_DONE); }
         solve_from(est, start);
         next_part(cursor);
     }
-    return kc_outcome(solved(learned, est, work) ? KC_OC_DONE : KC_OC_STAY);
+    return kc_outcome(solved(latest, est, work) ? KC_OC_DONE : KC_OC_STAY);
 }
 
 /* ---- LEARN ---- */
@@ -215,112 +215,112 @@ static kc_event_id_t outlier_event(bool outlier, bool extra)
     return outlier ? KC_EVT_CAL_OUTLIER : KC_EVT_CAL_OUTLIER_ACCEPTED;
 }
 
-static void report_outliers(kc_learned_t *learned, const kc_view_t *view, kc_out_t *out)
+static void report_outliers(kc_latest_t *latest, const kc_view_t *view, kc_out_t *out)
 {
     const uint8_t *outlier = view->est->outlier;
     const kc_plan_t *p = view->plan;
     for (uint32_t i = 0u; i < p->n_obs; i++) {
         bool extra = p->taken_at[i] != (uint8_t)KC_AT_CANDIDATE;
-        if (!outlier[i] != !learned->outlier_reported[i]) {
+        if (!outlier[i] != !latest->outlier_reported[i]) {
             kc_event(&out->events, outlier_event(outlier[i] != 0u, extra), (int32_t)p->pose_of[i],
                      extra ? (double)i + 1.0 : 0.0, 0.0);
         }
-        learned->outlier_reported[i] = outlier[i];
+        latest->outlier_reported[i] = outlier[i];
     }
 }
 
 /* By the residuals at the new estimate; *worst: the newest observation that is a mismatch. */
-static bool mismatch(const kc_learned_t *learned, const kc_view_t *view, uint32_t *worst)
+static bool mismatch(const kc_latest_t *latest, const kc_view_t *view, uint32_t *worst)
 {
     kc_residual_t residual[KC_MEAS_MAX];
     for (uint32_t i = 0u; i < view->plan->n_obs; i++) {
-        residual[i] = (kc_residual_t){learned->dp_m[i], learned->dr_rad[i]};
+        residual[i] = (kc_residual_t){latest->dp_m[i], latest->dr_rad[i]};
     }
     return kc_fit_mismatch(&view->tables->config, view->est, residual, view->plan, worst);
 }
 
 /* Whether the estimate is that of the arm that was verified. Among local initial poses, one bad detection is
  * searched for first; its pose is the next to be measured. */
-static kc_outcome_t evaluate(kc_learned_t *learned, kc_est_t *est, kc_plan_t *plan, const kc_view_t *view,
+static kc_outcome_t evaluate(kc_latest_t *latest, kc_est_t *est, kc_plan_t *plan, const kc_view_t *view,
                              kc_out_t *out)
 {
     uint32_t worst = 0u, without = est->without;
-    bool is_solved = kc_fit_solved(learned->status);
-    bool fits = !is_solved || !mismatch(learned, view, &worst);
+    bool is_solved = kc_fit_solved(latest->status);
+    bool fits = !is_solved || !mismatch(latest, view, &worst);
     kc_leave_out_answer_t answer = fits ? KC_LEAVE_OUT_DONE : KC_LEAVE_OUT_NONE;
     if (kc_plan_only_local(plan)) {
         double cost = is_solved ? est->cost : KC_INF;
-        answer = kc_leave_out_next(&learned->leave_out, &view->tables->config, plan, est->obs, fits, cost,
+        answer = kc_leave_out_next(&latest->leave_out, &view->tables->config, plan, est->obs, fits, cost,
                                    &est->without);
     }
     if (answer == KC_LEAVE_OUT_AGAIN) { return kc_outcome(KC_OC_AGAIN); }
-    report_outliers(learned, view, out);
+    report_outliers(latest, view, out);
     if (answer == KC_LEAVE_OUT_NONE) {
         if (fits) { worst = without - 1u; } /* the rest agrees, but that one was seen twice alike */
-        kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)plan->pose_of[worst], learned->dp_m[worst],
-                 learned->dr_rad[worst]);
+        kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)plan->pose_of[worst], latest->dp_m[worst],
+                 latest->dr_rad[worst]);
         return kc_abort_for(KC_CAUSE_MODEL_MISMATCH);
     }
     if (without > 0u && kc_plan_only_local(plan)) { kc_plan_again(plan, without - 1u); }
     return kc_outcome(KC_OC_DONE);
 }
 
-static void grow_gp(kc_learned_t *learned, kc_arena_calibration_t *work, const kc_view_t *view)
+static void grow_gp(kc_latest_t *latest, kc_arena_calibration_t *work, const kc_view_t *view)
 {
     kc_point_t x = newest_point(view);
-    if (!learned->gp_ok) { return; }
-    learned->gp_ok = kc_gp_add(&work->gp, &x, learned->y[view->plan->n_meas - 1u], work->cand_pt) == KC_OK;
-    if (!learned->gp_ok) { return; }
-    kc_gp_set_y(&work->gp, learned->y);
+    if (!latest->gp_ok) { return; }
+    latest->gp_ok = kc_gp_add(&work->gp, &x, latest->y[view->plan->n_meas - 1u], work->cand_pt) == KC_OK;
+    if (!latest->gp_ok) { return; }
+    kc_gp_set_y(&work->gp, latest->y);
     kc_gp_choose_begin(&work->gp);
 }
 
 enum { EVALUATE = 0, OBJECTIVE, CHOOSE };
 
-static kc_outcome_t learn_evaluate(kc_update_t *cursor, kc_learned_t *learned, kc_est_t *est, kc_plan_t *plan,
+static kc_outcome_t learn_evaluate(kc_update_t *cursor, kc_latest_t *latest, kc_est_t *est, kc_plan_t *plan,
                                    const kc_view_t *view, kc_work_t *work, kc_out_t *out)
 {
-    bool is_solved = kc_fit_solved(learned->status);
-    if (is_solved && !residuals(cursor, learned, view, est->coef, work)) { return kc_outcome(KC_OC_STAY); }
+    bool is_solved = kc_fit_solved(latest->status);
+    if (is_solved && !residuals(cursor, latest, view, est->coef, work)) { return kc_outcome(KC_OC_STAY); }
     kc_work_spend(work, est->by_prior != 0u ? KC_LOCAL_DOUBT_COST : 0u);
     if (kc_suspicion_fails(est, view, out)) {
-        learned->n_checked = 0u;
+        latest->n_checked = 0u;
         return kc_outcome(KC_OC_AGAIN);
     }
-    kc_outcome_t evaluated = evaluate(learned, est, plan, view, out);
+    kc_outcome_t evaluated = evaluate(latest, est, plan, view, out);
     if (evaluated.id != KC_OC_DONE) { return evaluated; }
     if (!is_solved) {
-        kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)learned->status, 0.0);
-    } else if (est->rank == est->n_free || est->hold_none || learned->trusted) {
-        memcpy(learned->coef, est->coef, sizeof learned->coef);
+        kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)latest->status, 0.0);
+    } else if (est->rank == est->n_free || est->hold_none || latest->trusted) {
+        memcpy(latest->coef, est->coef, sizeof latest->coef);
     }
     next_part(cursor);
     return kc_outcome(KC_OC_DONE);
 }
 
-static kc_outcome_t learn_objective(kc_update_t *cursor, kc_learned_t *learned, kc_arena_calibration_t *arena,
+static kc_outcome_t learn_objective(kc_update_t *cursor, kc_latest_t *latest, kc_arena_calibration_t *arena,
                                     const kc_view_t *view, kc_work_t *work)
 {
-    if (!residuals(cursor, learned, view, learned->coef, work) ||
-        !kc_work_take(work, gp_cost(learned, &arena->gp))) {
+    if (!residuals(cursor, latest, view, latest->coef, work) ||
+        !kc_work_take(work, gp_cost(latest, &arena->gp))) {
         return kc_outcome(KC_OC_STAY);
     }
-    objective(learned, view);
-    grow_gp(learned, arena, view);
+    objective(latest, view);
+    grow_gp(latest, arena, view);
     next_part(cursor);
     return kc_outcome(KC_OC_DONE);
 }
 
-kc_outcome_t kc_update_learn(kc_update_t *cursor, kc_learned_t *learned, kc_est_t *est, kc_plan_t *plan,
+kc_outcome_t kc_update_learn(kc_update_t *cursor, kc_latest_t *latest, kc_est_t *est, kc_plan_t *plan,
                              kc_arena_calibration_t *arena, const kc_view_t *view, kc_work_t *work,
                              kc_out_t *out)
 {
     kc_outcome_t oc = kc_outcome(KC_OC_DONE);
-    if (cursor->part == EVALUATE) { oc = learn_evaluate(cursor, learned, est, plan, view, work, out); }
+    if (cursor->part == EVALUATE) { oc = learn_evaluate(cursor, latest, est, plan, view, work, out); }
     if (oc.id == KC_OC_DONE && cursor->part == OBJECTIVE) {
-        oc = learn_objective(cursor, learned, arena, view, work);
+        oc = learn_objective(cursor, latest, arena, view, work);
     }
-    if (oc.id != KC_OC_DONE || !learned->gp_ok || !view->tables->kernel.choose) { return oc; }
+    if (oc.id != KC_OC_DONE || !latest->gp_ok || !view->tables->kernel.choose) { return oc; }
     return kc_outcome(kc_gp_choose_step(&arena->gp, arena->cand_pt, work) ? KC_OC_DONE : KC_OC_STAY);
 }
 
@@ -328,7 +328,7 @@ kc_outcome_t kc_update_learn(kc_update_t *cursor, kc_learned_t *learned, kc_est_
 
 /* RMS of the predicted pose sigma over the search space, from at most KC_SPACE_SAMPLES candidates; the stated
  * noise is scaled up to what the residuals show. False: goes on in the next step. */
-static bool predict(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view, kc_work_t *work)
+static bool predict(kc_update_t *cursor, kc_latest_t *latest, const kc_view_t *view, kc_work_t *work)
 {
     const uint64_t cost = kc_est_pose_cov_cost(view->est);
     uint32_t n = view->tables->space.n_cand, stride = kc_view_stride(view);
@@ -344,14 +344,14 @@ static bool predict(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t 
     }
     uint32_t count = cursor->i / stride;
     double scale = kc_max(1.0, view->est->noise_scale);
-    learned->pred = (kc_residual_t){scale * kc_sqrt(cursor->sum2.pos_m / (double)count),
-                                    scale * kc_sqrt(cursor->sum2.rot_rad / (double)count)};
+    latest->pred = (kc_residual_t){scale * kc_sqrt(cursor->sum2.pos_m / (double)count),
+                                   scale * kc_sqrt(cursor->sum2.rot_rad / (double)count)};
     return true;
 }
 
 static void fill_progress(const kc_view_t *view, kc_progress_t *progress)
 {
-    const kc_learned_t *l = view->learned;
+    const kc_latest_t *l = view->latest;
     const kc_est_t *e = view->est;
     progress->session = view->cal->session;
     progress->pose = view->plan->n_meas;
@@ -384,22 +384,22 @@ static void fill_progress(const kc_view_t *view, kc_progress_t *progress)
 static bool determined(const kc_view_t *view)
 {
     return kc_fit_required(&view->tables->config) && kc_plan_enough(view->plan) &&
-           kc_fit_determined(view->est, view->learned->status);
+           kc_fit_determined(view->est, view->latest->status);
 }
 
 /* The one look at the table in force before the end: at the first pose after which the noise does not hide an error as
  * large as required. When that is, follows from the poses and not from what they say; what the camera chain hides, more
  * poses do not show either. */
-static void test_early(kc_learned_t *learned, const kc_evaluated_t *evaluated,
+static void test_early(kc_latest_t *latest, const kc_evaluated_t *evaluated,
                        const kc_evaluation_t *evaluation, const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
     const double level = kc_verdict_level(c, true);
-    if (c->no_change_power <= 0.0 || learned->tested_early) { return; }
+    if (c->no_change_power <= 0.0 || latest->tested_early) { return; }
     if (kc_evaluation_power(evaluated, evaluation, view, level, false) < c->no_change_power) { return; }
-    learned->tested_early = true;
-    bool agrees = kc_verdict(c, view->est, learned->status, &evaluated->fit, true) == KC_VERDICT_NO_CHANGE;
-    if (agrees) { learned->ended = KC_ENDED_NO_CHANGE; }
+    latest->tested_early = true;
+    bool agrees = kc_verdict(c, view->est, latest->status, &evaluated->fit, true) == KC_VERDICT_NO_CHANGE;
+    if (agrees) { latest->ended = KC_ENDED_NO_CHANGE; }
     kc_event(&out->events, agrees ? KC_EVT_CAL_AGREES : KC_EVT_CAL_DISAGREES, (int32_t)view->plan->n_meas,
              evaluated->fit.p_no_change,
              agrees ? kc_evaluation_power(evaluated, evaluation, view, level, true) : level);
@@ -407,23 +407,23 @@ static void test_early(kc_learned_t *learned, const kc_evaluated_t *evaluated,
 
 /* Whether the table in force is known to be wrong, or an error would have shown: before that a calibration that is good
  * enough goes on, so that it does not call an arm right that a longer one would call wrong. */
-static bool settled(const kc_learned_t *learned, const kc_evaluated_t *evaluated, const kc_config_t *c)
+static bool settled(const kc_latest_t *latest, const kc_evaluated_t *evaluated, const kc_config_t *c)
 {
-    return c->no_change_power <= 0.0 || learned->tested_early ||
+    return c->no_change_power <= 0.0 || latest->tested_early ||
            evaluated->fit.p_no_change <= kc_verdict_level(c, true);
 }
 
-static void decide(kc_learned_t *learned, const kc_evaluated_t *evaluated, const kc_evaluation_t *evaluation,
+static void decide(kc_latest_t *latest, const kc_evaluated_t *evaluated, const kc_evaluation_t *evaluation,
                    const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
-    const kc_verdict_t verdict = kc_verdict(c, view->est, learned->status, &evaluated->fit, true);
-    test_early(learned, evaluated, evaluation, view, out);
-    if (verdict != KC_VERDICT_POOR && learned->n_checked >= c->stop_checks &&
-        kc_fit_meets(c, evaluated->bound) && settled(learned, evaluated, c)) {
-        learned->tested_early = c->no_change_power > 0.0;
+    const kc_verdict_t verdict = kc_verdict(c, view->est, latest->status, &evaluated->fit, true);
+    test_early(latest, evaluated, evaluation, view, out);
+    if (verdict != KC_VERDICT_POOR && latest->n_checked >= c->stop_checks &&
+        kc_fit_meets(c, evaluated->bound) && settled(latest, evaluated, c)) {
+        latest->tested_early = c->no_change_power > 0.0;
         kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, evaluated->bound.pos_m, c->stop_pos_m);
-        learned->ended = KC_ENDED_REQUIREMENT;
+        latest->ended = KC_ENDED_REQUIREMENT;
     }
 }
 
@@ -441,22 +441,22 @@ static bool evaluate_error(kc_update_t *cursor, kc_evaluated_t *evaluated, kc_ev
            kc_work_take(work, 2u * KC_CHI2_NONCENTRAL_COST);
 }
 
-kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *learned, kc_evaluated_t *evaluated,
+kc_outcome_t kc_update_report(kc_update_t *cursor, kc_latest_t *latest, kc_evaluated_t *evaluated,
                               kc_evaluation_t *evaluation, const kc_view_t *view, kc_work_t *work,
                               kc_out_t *out)
 {
-    const bool is_solved = kc_fit_solved(learned->status);
+    const bool is_solved = kc_fit_solved(latest->status);
     if (cursor->part == PREDICT) {
-        if (is_solved && !predict(cursor, learned, view, work)) { return kc_outcome(KC_OC_STAY); }
+        if (is_solved && !predict(cursor, latest, view, work)) { return kc_outcome(KC_OC_STAY); }
         next_part(cursor);
     }
     if (determined(view)) {
         if (!evaluate_error(cursor, evaluated, evaluation, view, work)) { return kc_outcome(KC_OC_STAY); }
-        decide(learned, evaluated, evaluation, view, out);
+        decide(latest, evaluated, evaluation, view, out);
     }
     out->has_progress = 1u;
     fill_progress(view, &out->progress);
-    kc_event(&out->events, KC_EVT_CAL_POSE, (int32_t)view->plan->n_meas, learned->res.pos_m,
-             learned->res.rot_rad);
+    kc_event(&out->events, KC_EVT_CAL_POSE, (int32_t)view->plan->n_meas, latest->res.pos_m,
+             latest->res.rot_rad);
     return kc_outcome(KC_OC_DONE);
 }

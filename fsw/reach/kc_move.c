@@ -74,7 +74,7 @@ static kc_outcome_t check(kc_move_t *move, const kc_view_t *view, kc_work_t *wor
     kc_guard_request_t ask = {
         .arm = &a->arm,
         .terms = &a->terms,
-        .coef = view->learned->coef,
+        .coef = view->latest->coef,
         .space = &a->space,
         .ctx = &ctx,
         .q_from = move->q_from,
@@ -223,7 +223,7 @@ void kc_move_goal(const kc_space_t *space, uint32_t cand, kc_pose_t *T)
 
 uint64_t kc_move_joints_cost(const kc_view_t *view, uint32_t n)
 {
-    return n * (kc_model_cost(&view->tables->arm, &view->tables->terms, view->learned->coef, false) + 10000u);
+    return n * (kc_model_cost(&view->tables->arm, &view->tables->terms, view->latest->coef, false) + 10000u);
 }
 
 uint64_t kc_move_begin_cost(const kc_view_t *view)
@@ -245,7 +245,7 @@ uint32_t kc_move_joints(const kc_view_t *view, uint32_t cand, uint32_t iter_max,
     kc_path_joints(&a->space, KC_HUB_MAX + cand, seed);
     memcpy(q, seed, a->arm.n_joints * sizeof *q);
     if (kc_space_local(&a->space, cand)) { return n; }
-    (void)kc_ik_solve(&a->arm, &a->terms, view->learned->coef, &goal, &opt, q, &eval, &n);
+    (void)kc_ik_solve(&a->arm, &a->terms, view->latest->coef, &goal, &opt, q, &eval, &n);
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
         q[j] = kc_clamp(q[j], seed[j] - bound[j], seed[j] + bound[j]);
     }

@@ -25,7 +25,7 @@ static void take_detection(kc_observe_t *observe, const kc_detection_t *det, con
     kc_obs_t obs;
     double r[6], E[9];
     kc_observation(&view->tables->camera, det, &at, &obs);
-    kc_observation_residual(view->tables, view->learned->coef, &obs, r, &observe->predicted);
+    kc_observation_residual(view->tables, view->latest->coef, &obs, r, &observe->predicted);
     kc_R_exp(&r[3], E);
     kc_m3_mul(E, observe->predicted.R, observe->measured.R);
     kc_v3_add_scaled(observe->predicted.p_m, 1.0, r, observe->measured.p_m);
@@ -73,7 +73,7 @@ static kc_servo_result_t step(kc_observe_t *observe, const kc_view_t *view, cons
     memset(observe->q_servo, 0, sizeof observe->q_servo);
     kc_move_bound(a, bound);
     kc_view_seed(view, seed);
-    return kc_servo_step(&a->arm, &a->terms, view->learned->coef, &observe->measured, goal,
+    return kc_servo_step(&a->arm, &a->terms, view->latest->coef, &observe->measured, goal,
                          view->telemetry->arm.q, seed, bound, &a->config.servo, observe->q_servo, &eval,
                          &observe->servo);
 }
@@ -204,7 +204,7 @@ static uint32_t places(const kc_view_t *view)
 {
     uint32_t n = view->plan->n_meas;
     double range_m = n > 0u ? view->est->obs[view->est->n_obs - 1u].ctx.range_m : 0.0;
-    return kc_reach_search_limit(&view->tables->camera, &view->tables->config, n, view->learned->res.pos_m,
+    return kc_reach_search_limit(&view->tables->camera, &view->tables->config, n, view->latest->res.pos_m,
                                  range_m);
 }
 

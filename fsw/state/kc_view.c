@@ -55,7 +55,7 @@ void kc_view_expect(const kc_view_t *view, const double *q, kc_pose_t *T)
     kc_ctx_t ctx;
     kc_view_ctx(view, 0u, &ctx);
     memcpy(ctx.q, q, view->tables->arm.n_joints * sizeof *q);
-    pose(view, view->learned->coef, &ctx, T);
+    pose(view, view->latest->coef, &ctx, T);
 }
 
 void kc_view_pose(const kc_view_t *view, const double *coef, uint32_t cand, kc_pose_t *T)

@@ -47,7 +47,7 @@ typedef struct {
     kc_ended_t ended;  /* why it proposes; NOT: it goes on, or is aborted */
 } kc_cal_t;
 
-/* The estimate with the poses so far, and what follows from it. */
+/* Latest estimate, with all poses so far, and what follows from it. */
 typedef struct {
     kc_status_t status;       /* of the estimator */
     double coef[KC_COEF_MAX]; /* latest correction, for aiming and for f */
@@ -63,7 +63,7 @@ typedef struct {
     uint8_t outlier_reported[KC_MEAS_MAX];
     double y[KC_MEAS_MAX]; /* objective of each pose */
     double dp_m[KC_MEAS_MAX], dr_rad[KC_MEAS_MAX]; /* residual of each observation */
-} kc_learned_t;
+} kc_latest_t;
 
 typedef struct {
     const kc_clock_t *clock;
@@ -72,7 +72,7 @@ typedef struct {
     const kc_telemetry_t *telemetry;
     const kc_cal_t *cal;
     const kc_plan_t *plan;
-    const kc_learned_t *learned;
+    const kc_latest_t *latest;
     const kc_est_t *est;
     const uint32_t *servo_steps; /* at this candidate */
 } kc_view_t;

@@ -166,5 +166,5 @@ void given_poses(uint32_t n)
         kc_plan_measured(&APP->plan, &world.space, i);
     }
     APP->plan.begun = UINT32_MAX; /* initial poses */
-    memcpy(APP->est.coef, APP->learned.coef, sizeof APP->est.coef);
+    memcpy(APP->est.coef, APP->latest.coef, sizeof APP->est.coef);
 }

@@ -526,7 +526,7 @@ typedef struct {
     kc_active_t active;
     kc_cal_t cal;
     kc_plan_t plan;
-    kc_learned_t learned;
+    kc_latest_t latest;
     kc_frames_t frames;
     kc_state_t state;
     kc_stage_t staged;
@@ -545,7 +545,7 @@ static void remember(memory_t *m)
     m->cal.energy_j = 0.0; /* goes on with time */
     m->cal.energy_us = 0u;
     m->plan = a->plan;
-    m->learned = a->learned;
+    m->latest = a->latest;
     m->frames = a->frames;
     m->state = a->place.state;
     m->staged = a->tables.staging.state;

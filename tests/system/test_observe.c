@@ -90,8 +90,8 @@ void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
     double seed[KC_JOINT_MAX];
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    APP->learned.coef[24] = 0.9; /* a correction that is wrong: joint 7 would go far from the seed */
-    APP->learned.res.pos_m = 0.0;
+    APP->latest.coef[24] = 0.9; /* a correction that is wrong: joint 7 would go far from the seed */
+    APP->latest.res.pos_m = 0.0;
     world_tick();
     TEST_ASSERT_EQUAL_INT(1, APP->cal.candidate);
     kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX + 1u, seed);

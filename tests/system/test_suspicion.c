@@ -187,7 +187,7 @@ void test_the_check_of_a_suspicion_is_charged(void)
     for (uint32_t k = 0u; k < 2u; k++) {
         APP->est.by_prior = (uint8_t)(1u - k);
         kc_update_begin(&APP->update);
-        (void)kc_update_learn(&APP->update, &APP->learned, &APP->est, &APP->plan, &APP->arena.calibration,
+        (void)kc_update_learn(&APP->update, &APP->latest, &APP->est, &APP->plan, &APP->arena.calibration,
                               &APP->view, &work[k], &out);
     }
     TEST_ASSERT_TRUE(work[0].used >= work[1].used + KC_LOCAL_DOUBT_COST ||

@@ -230,7 +230,7 @@ void test_a_wrong_arm_is_looked_at_once_and_calibrated_on(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.5 * world.config.no_change_p, world.last[KC_EVT_CAL_DISAGREES].want);
     TEST_ASSERT_EQUAL_UINT32(20u, world.n_meas);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
-    TEST_ASSERT_TRUE(APP->learned.tested_early);
+    TEST_ASSERT_TRUE(APP->latest.tested_early);
 }
 
 /* The same requirement at a confidence, or with poses in a row that were predicted so well, takes more poses. */
@@ -253,7 +253,7 @@ void test_a_confidence_and_checks_take_more_poses(void)
     world.config.stop_checks = rms + 4u;
     world_calibrated();
     TEST_ASSERT_TRUE(world.n_meas > rms && world.n_meas < 40u);
-    TEST_ASSERT_TRUE(APP->learned.n_checked >= rms + 4u);
+    TEST_ASSERT_TRUE(APP->latest.n_checked >= rms + 4u);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
 }
 
@@ -280,7 +280,7 @@ void test_a_gp_that_breaks_down_leaves_the_choice_to_chance(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    APP->learned.gp_ok = false;
+    APP->latest.gp_ok = false;
     for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
     TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
@@ -312,12 +312,12 @@ void test_extra_observations_are_in_the_estimate_but_no_poses(void)
     TEST_ASSERT_EQUAL_UINT32(6u * world.n_meas - world.proposal.rank, world.proposal.dof);
     TEST_ASSERT_EQUAL_UINT32(world.n_meas, world.hk.n_meas);
     for (uint32_t k = 0u; k < 6u; k++) {
-        dp[k] = APP->learned.dp_m[p->obs_of[k]];
-        dr[k] = APP->learned.dr_rad[p->obs_of[k]];
+        dp[k] = APP->latest.dp_m[p->obs_of[k]];
+        dr[k] = APP->latest.dr_rad[p->obs_of[k]];
     }
     kc_acq_objective(dp, dr, 6u, world.config.a1, world.config.sp_floor_m, world.config.sq_floor_rad, y);
-    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(y, APP->learned.y, 6u);
-    TEST_ASSERT_EQUAL_DOUBLE(APP->learned.f, world.progress[5].f);
+    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(y, APP->latest.y, 6u);
+    TEST_ASSERT_EQUAL_DOUBLE(APP->latest.f, world.progress[5].f);
 }
 
 /* What is stated about the estimate is computed from the observations that it has. */
@@ -471,7 +471,7 @@ void test_a_local_initial_pose_off_by_more_than_any_correction_explains_ends_it(
     TEST_ASSERT_EQUAL_INT(world.meas[0].candidate, world.meas[1].candidate);
     TEST_ASSERT_DOUBLE_WITHIN(2e-3, 0.08, world.last[KC_EVT_CAL_MODEL_MISMATCH].want);
     expect_stopped(KC_CAUSE_MODEL_MISMATCH, 2u);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->learned.coef[24]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->latest.coef[24]);
 }
 
 void test_with_all_errors_free_a_wrong_link_length_is_a_mismatch(void)

@@ -60,7 +60,7 @@ void given_parts(void)
                              .telemetry = &parts.telemetry,
                              .cal = &parts.cal,
                              .plan = &parts.plan,
-                             .learned = &parts.learned,
+                             .latest = &parts.latest,
                              .est = &parts.est,
                              .servo_steps = &parts.servo_steps};
     given_active(&parts.tables.active);

@@ -16,7 +16,7 @@ typedef struct {
     kc_telemetry_t telemetry;
     kc_cal_t cal;
     kc_plan_t plan;
-    kc_learned_t learned;
+    kc_latest_t latest;
     kc_est_t est;
     uint32_t servo_steps;
     kc_out_t out; /* of the last call */

@@ -74,7 +74,7 @@ void test_clearance_and_slopes_are_those_of_the_height(void)
 void test_it_is_computed_about_the_latest_correction(void)
 {
     given_two_coefficients(1.0, 0.0);
-    parts.learned.coef[14] = 0.02;
+    parts.latest.coef[14] = 0.02;
     computed();
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, height_m(3u, 0.02) - GROUND_M - RADIUS_M, s_clear.clearance_m);
 }
@@ -88,7 +88,7 @@ void test_it_is_of_the_arm_as_it_is_now_with_all_that_the_correction_depends_on(
     a->space.volume[0] = (kc_volume_t){KC_VOL_SPHERE, {1.0f, 2.0f, 0.5f}, {0.0f, 0.0f, 0.0f}, 0.1f, 0u};
     a->terms.term[14].basis[0] = (kc_basis_t){.fn = KC_FN_LIN, .var = KC_VAR_TEMP, .c1 = 1.0};
     parts.telemetry.arm.temp_c = 20.0;
-    parts.learned.coef[14] = 0.001;
+    parts.latest.coef[14] = 0.001;
     given_two_coefficients(1.0, 0.0);
     computed();
     for (uint32_t i = 0u; i < KC_JOINT_MAX; i++) { q[i] = (double)s_q[i]; }

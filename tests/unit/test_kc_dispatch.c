@@ -196,7 +196,7 @@ void test_start_begins_everything_of_a_calibration_anew(void)
 {
     given_staged(KC_STAGE_VALID);
     APP->observe.servo_steps = 3u;
-    APP->learned.n_checked = APP->est.n_obs = 3u;
+    APP->latest.n_checked = APP->est.n_obs = 3u;
     TEST_ASSERT_EQUAL_INT(KC_OC_START, started(false).id);
     TEST_ASSERT_EQUAL_INT(KC_OK, s_out.ack[0].status);
     TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
@@ -204,7 +204,7 @@ void test_start_begins_everything_of_a_calibration_anew(void)
     TEST_ASSERT_EQUAL_UINT32(5u, APP->plan.n_goal);
     TEST_ASSERT_EQUAL_UINT32(1u, APP->cal.session);
     TEST_ASSERT_EQUAL_UINT64(APP->tables.active.config.est.free_mask, APP->est.opt.free_mask);
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->observe.servo_steps + APP->learned.n_checked + APP->est.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->observe.servo_steps + APP->latest.n_checked + APP->est.n_obs);
     TEST_ASSERT_EQUAL_UINT8(0u, APP->est.by_prior);
     TEST_ASSERT_EQUAL_UINT64(kc_auth_cost(KC_SIGNED_HEAD_MAX) + kc_update_start_cost(&APP->view),
                              s_work.used);

@@ -529,8 +529,8 @@ void test_the_joints_at_a_candidate_reach_it_or_end_at_the_bound(void)
 {
     double q[KC_JOINT_MAX], at[KC_JOINT_MAX], seed[KC_JOINT_MAX], off[6];
     kc_pose_t T, goal;
-    parts.learned.coef[0] = 0.1;
-    parts.learned.coef[12] = -0.08;
+    parts.latest.coef[0] = 0.1;
+    parts.latest.coef[12] = -0.08;
     kc_path_joints(s_space, NODE, seed);
     kc_move_goal(s_space, CAND, &goal);
     for (uint32_t k = 0u; k < 3u; k++) {

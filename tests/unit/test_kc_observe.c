@@ -331,7 +331,7 @@ void test_once_the_model_is_known_good_it_does_not_search_for_hidden_tags(void)
         parts.plan.n_meas = i == 0u ? 0u : 1u;
         parts.est.n_obs = 2u;
         parts.est.obs[1].ctx.range_m = range_m[i];
-        parts.learned.res.pos_m = 0.1;
+        parts.latest.res.pos_m = 0.1;
         TEST_ASSERT_EQUAL_INT(i == 1u ? KC_OC_SKIP : KC_OC_STAY, turned());
     }
 }

@@ -25,8 +25,8 @@ static void estimated(double phi_rad, double noise, double tilt_rad)
 {
     s_est->n_obs = 0u;
     given_measured(POSES, phi_rad, noise, tilt_rad);
-    parts.learned.status = kc_est_solve(s_est);
-    TEST_ASSERT_EQUAL_INT(KC_OK, parts.learned.status);
+    parts.latest.status = kc_est_solve(s_est);
+    TEST_ASSERT_EQUAL_INT(KC_OK, parts.latest.status);
 }
 
 /* Joint 7 is off by 10 mrad, the rest is right, and all is estimated. */
@@ -38,7 +38,7 @@ void setUp(void)
     s_camera = &parts.tables.active.camera;
     parts.cal.session = 3u;
     parts.cal.ended = KC_ENDED_POSES;
-    parts.learned.pred = (kc_residual_t){1e-3, 2e-3};
+    parts.latest.pred = (kc_residual_t){1e-3, 2e-3};
     estimated(0.01, 0.1, 0.0);
 }
 
@@ -88,7 +88,7 @@ void test_a_proposal_is_the_table_that_its_crc_names(void)
 
 void test_a_proposal_states_the_fit_of_the_estimate(void)
 {
-    parts.learned.n_checked = 5u;
+    parts.latest.n_checked = 5u;
     s_config->stop_confidence = 0.9;
     s_est->n_outliers = 1u;
     s_est->outlier[2] = 1u;
@@ -207,7 +207,7 @@ void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void
         kin->value[c] = 0.25;
     }
     for (uint32_t solved = 2u; solved > 0u; solved--) {
-        parts.learned.status = solved > 1u ? KC_OK : KC_ERR_NUM;
+        parts.latest.status = solved > 1u ? KC_OK : KC_ERR_NUM;
         proposed();
         for (uint32_t c = 0u; c < 3u; c++) {
             bool keeps = c < 2u || solved == 1u;
@@ -317,7 +317,7 @@ void test_whether_a_change_is_needed_depends_on_the_frame(void)
 void test_without_a_solution_the_camera_chain_has_no_part(void)
 {
     given_camera_chain();
-    parts.learned.status = KC_ERR_NUM;
+    parts.latest.status = KC_ERR_NUM;
     proposed();
     TEST_ASSERT_EQUAL_DOUBLE(s_p->pred_noise_pos_m, s_p->pred_lander_pos_m);
     TEST_ASSERT_EQUAL_DOUBLE(1.0, s_p->p_no_change);
@@ -383,7 +383,7 @@ void test_the_verdict_says_what_is_next_and_an_event_what_it_rests_on(void)
         if (i == 2u) { expect_event(KC_EVT_CAL_POOR, -1, p_fit, noise); }
         TEST_ASSERT_EQUAL_UINT32(0u, parts.out.events.n);
     }
-    parts.learned.tested_early = true; /* half of the level is left */
+    parts.latest.tested_early = true; /* half of the level is left */
     s_config->no_change_p = 0.9;
     estimated(0.0, 0.5, 0.0);
     proposed();

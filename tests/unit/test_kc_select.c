@@ -156,7 +156,7 @@ void test_it_ends_for_the_reason_that_there_is(void)
     parts.plan.n_obs = KC_MEAS_MAX; /* no more can be held */
     TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, selected().id);
     TEST_ASSERT_EQUAL_INT(KC_ENDED_OBSERVATIONS, parts.cal.ended);
-    parts.learned.ended = KC_ENDED_REQUIREMENT;
+    parts.latest.ended = KC_ENDED_REQUIREMENT;
     TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, selected().id);
     TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, parts.cal.ended);
 }

@@ -19,11 +19,11 @@ static kc_evaluated_t s_evaluated;
 static kc_work_t s_work;
 static kc_config_t *s_config;
 static kc_est_t *const s_est = &parts.est;
-static kc_learned_t *const s_learned = &parts.learned;
+static kc_latest_t *const s_latest = &parts.latest;
 
 static void given_poses(uint32_t n, double phi_rad, double noise)
 {
-    kc_update_start(s_learned, s_est, &s_arena, &parts.view, parts.tables.active.config.est.free_mask);
+    kc_update_start(s_latest, s_est, &s_arena, &parts.view, parts.tables.active.config.est.free_mask);
     given_measured(n, phi_rad, noise, 0.0);
     kc_update_begin(&s_update);
     s_work = kc_work_unlimited();
@@ -48,25 +48,25 @@ static void given_prior(void)
 
 static kc_outcome_id_t solve(void)
 {
-    return kc_update_solve(&s_update, s_learned, s_est, &s_arena.gp, &parts.view, &s_work).id;
+    return kc_update_solve(&s_update, s_latest, s_est, &s_arena.gp, &parts.view, &s_work).id;
 }
 
 static kc_outcome_id_t refine(void)
 {
-    return kc_update_refine(&s_update, s_learned, s_est, &parts.view, &s_work).id;
+    return kc_update_refine(&s_update, s_latest, s_est, &parts.view, &s_work).id;
 }
 
 static kc_outcome_t learn(void)
 {
     memset(&parts.out, 0, sizeof parts.out);
-    return kc_update_learn(&s_update, s_learned, s_est, &parts.plan, &s_arena, &parts.view, &s_work,
+    return kc_update_learn(&s_update, s_latest, s_est, &parts.plan, &s_arena, &parts.view, &s_work,
                            &parts.out);
 }
 
 static kc_outcome_id_t report(void)
 {
     memset(&parts.out, 0, sizeof parts.out);
-    return kc_update_report(&s_update, s_learned, &s_evaluated, &s_evaluation, &parts.view, &s_work,
+    return kc_update_report(&s_update, s_latest, &s_evaluated, &s_evaluation, &parts.view, &s_work,
                             &parts.out)
         .id;
 }
@@ -79,7 +79,7 @@ static void solved(void)
     kc_update_begin(&s_update);
 }
 
-static void learned(void)
+static void learn_all(void)
 {
     solved();
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, learn().id);
@@ -90,21 +90,21 @@ static void learned(void)
 
 void test_a_calibration_begins_with_nothing_of_the_one_before(void)
 {
-    memset(s_learned, 0x5a, sizeof *s_learned);
+    memset(s_latest, 0x5a, sizeof *s_latest);
     memset(&s_arena, 0x5a, sizeof s_arena);
     memset(s_est, 0x5a, sizeof *s_est);
     parts.tables.active.kin.value[3] = 0.25;
-    kc_update_start(s_learned, s_est, &s_arena, &parts.view, 0x30u);
+    kc_update_start(s_latest, s_est, &s_arena, &parts.view, 0x30u);
     TEST_ASSERT_EQUAL_PTR(&parts.tables.active.arm, s_est->arm);
     TEST_ASSERT_EQUAL_PTR(&parts.tables.active.terms, s_est->terms);
     TEST_ASSERT_EQUAL_UINT64(0x30u, s_est->opt.free_mask);
     TEST_ASSERT_EQUAL_DOUBLE(s_config->est.outlier_p, s_est->opt.outlier_p);
     TEST_ASSERT_EQUAL_UINT32(0u, s_est->hold_none + s_est->without + s_est->n_obs + s_est->rank +
                                      s_est->n_free + s_est->by_prior + s_est->by_bounds);
-    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_learned->coef[3]);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_learned->f);
-    TEST_ASSERT_EQUAL_INT(KC_ENDED_NOT, s_learned->ended);
-    TEST_ASSERT_TRUE(s_learned->gp_ok);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_latest->coef[3]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_latest->f);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_NOT, s_latest->ended);
+    TEST_ASSERT_TRUE(s_latest->gp_ok);
     for (uint32_t c = 0u; c < 9u; c++) { /* where the tool is at each candidate */
         const kc_cand_t *at = &parts.tables.active.space.cand[c];
         double same = 0.0;
@@ -116,7 +116,7 @@ void test_a_calibration_begins_with_nothing_of_the_one_before(void)
         TEST_ASSERT_EQUAL_MEMORY(at->q_seed, &s_arena.cand_q[c * KC_JOINT_MAX], sizeof at->q_seed);
     }
     s_config->initial_design = KC_INITIAL_INFORMATION;
-    kc_update_start(s_learned, s_est, &s_arena, &parts.view, 0x30u);
+    kc_update_start(s_latest, s_est, &s_arena, &parts.view, 0x30u);
     TEST_ASSERT_EQUAL_UINT8(1u, s_est->by_bounds);
 }
 
@@ -144,32 +144,32 @@ void test_the_newest_pose_is_judged_by_the_estimate_before_it(void)
     parts.plan.obs_of[0] = 1u; /* one observation on the way to the first */
     for (uint32_t k = 1u; k < POSES - 1u; k++) { parts.plan.obs_of[k] = (uint8_t)(k + 1u); }
     parts.plan.n_meas = POSES - 1u;
-    s_learned->n_checked = 4u;
-    s_learned->dr_rad[POSES] = -1.0; /* not observed */
+    s_latest->n_checked = 4u;
+    s_latest->dr_rad[POSES] = -1.0; /* not observed */
     s_config->stop_rot_rad = 1.0;
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, solve());
-    for (uint32_t i = 0u; i < POSES; i++) { TEST_ASSERT_DOUBLE_WITHIN(2e-3, PHI, s_learned->dr_rad[i]); }
-    TEST_ASSERT_EQUAL_DOUBLE(-1.0, s_learned->dr_rad[POSES]);
+    for (uint32_t i = 0u; i < POSES; i++) { TEST_ASSERT_DOUBLE_WITHIN(2e-3, PHI, s_latest->dr_rad[i]); }
+    TEST_ASSERT_EQUAL_DOUBLE(-1.0, s_latest->dr_rad[POSES]);
     for (uint32_t k = 0u; k < POSES - 1u; k++) {
-        dp[k] = s_learned->dp_m[parts.plan.obs_of[k]];
-        dr[k] = s_learned->dr_rad[parts.plan.obs_of[k]];
+        dp[k] = s_latest->dp_m[parts.plan.obs_of[k]];
+        dr[k] = s_latest->dr_rad[parts.plan.obs_of[k]];
     }
     kc_acq_objective(dp, dr, POSES - 1u, s_config->a1, s_config->sp_floor_m, s_config->sq_floor_rad, y);
-    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(y, s_learned->y, POSES - 1u);
-    TEST_ASSERT_EQUAL_DOUBLE(y[POSES - 2u], s_learned->f);
-    TEST_ASSERT_EQUAL_DOUBLE(s_learned->dp_m[POSES - 1u], s_learned->res.pos_m);
-    TEST_ASSERT_EQUAL_DOUBLE(s_learned->dr_rad[POSES - 1u], s_learned->res.rot_rad);
-    TEST_ASSERT_TRUE(s_learned->gp_sigma > 0.0);
-    TEST_ASSERT_EQUAL_UINT32(5u, s_learned->n_checked); /* predicted as well as required, once more */
-    TEST_ASSERT_EQUAL_INT(KC_OK, s_learned->status);
+    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(y, s_latest->y, POSES - 1u);
+    TEST_ASSERT_EQUAL_DOUBLE(y[POSES - 2u], s_latest->f);
+    TEST_ASSERT_EQUAL_DOUBLE(s_latest->dp_m[POSES - 1u], s_latest->res.pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(s_latest->dr_rad[POSES - 1u], s_latest->res.rot_rad);
+    TEST_ASSERT_TRUE(s_latest->gp_sigma > 0.0);
+    TEST_ASSERT_EQUAL_UINT32(5u, s_latest->n_checked); /* predicted as well as required, once more */
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_latest->status);
     TEST_ASSERT_DOUBLE_WITHIN(2e-3, PHI, s_est->coef[24]);
     TEST_ASSERT_EQUAL_UINT8(0u, s_est->hold_none);
     s_config->stop_rot_rad = 1e-6;
-    s_learned->gp_ok = false;
-    s_learned->gp_mean = 3.0;
+    s_latest->gp_ok = false;
+    s_latest->gp_mean = 3.0;
     solved();
-    TEST_ASSERT_EQUAL_UINT32(0u, s_learned->n_checked);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_learned->gp_sigma + s_learned->gp_mean);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_latest->n_checked);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_latest->gp_sigma + s_latest->gp_mean);
 }
 
 void test_few_observations_hold_no_coefficient(void)
@@ -194,25 +194,25 @@ void test_few_observations_hold_no_coefficient(void)
 /* An estimate that was made before the newest pose, and by which that is near, is trusted. */
 void test_an_estimate_that_predicted_the_newest_pose_better_is_trusted(void)
 {
-    s_learned->status = KC_OK;
+    s_latest->status = KC_OK;
     s_est->coef[24] = PHI;
     (void)solve();
-    TEST_ASSERT_TRUE(s_learned->trusted);
+    TEST_ASSERT_TRUE(s_latest->trusted);
     setUp();
-    s_learned->status = KC_OK; /* it is as far off as the correction */
+    s_latest->status = KC_OK; /* it is as far off as the correction */
     s_est->coef[24] = 0.0;
     (void)solve();
-    TEST_ASSERT_FALSE(s_learned->trusted);
+    TEST_ASSERT_FALSE(s_latest->trusted);
     setUp();
-    s_learned->status = KC_ERR_NUM; /* it has failed */
+    s_latest->status = KC_ERR_NUM; /* it has failed */
     s_est->coef[24] = PHI;
     (void)solve();
-    TEST_ASSERT_FALSE(s_learned->trusted);
+    TEST_ASSERT_FALSE(s_latest->trusted);
     setUp();
     given_poses(1u, PHI, 0.1);
     s_est->coef[24] = PHI; /* the first pose: there was none */
     (void)solve();
-    TEST_ASSERT_FALSE(s_learned->trusted);
+    TEST_ASSERT_FALSE(s_latest->trusted);
 }
 
 /* The part that begins when the residuals are done is charged by itself, and begins with the charge: called with ever
@@ -220,15 +220,15 @@ void test_an_estimate_that_predicted_the_newest_pose_better_is_trusted(void)
 static uint32_t waits(uint32_t part)
 {
     static kc_est_t est;
-    static kc_learned_t learned;
+    static kc_latest_t latest;
     static kc_arena_calibration_t arena;
     uint32_t n = 0u;
     est = *s_est;
-    learned = *s_learned;
+    latest = *s_latest;
     arena = s_arena;
     for (uint64_t left = 0u; left < KC_STEP_WORK; left += 2000u) {
         *s_est = est;
-        *s_learned = learned;
+        *s_latest = latest;
         s_arena = arena;
         kc_update_begin(&s_update);
         s_update.part = part;
@@ -247,12 +247,12 @@ static uint32_t waits(uint32_t part)
 
 void test_what_does_not_fit_into_a_step_waits(void)
 {
-    learned(); /* so that the process holds something */
+    learn_all(); /* so that the process holds something */
     TEST_ASSERT_TRUE(waits(0u) > 0u);
     TEST_ASSERT_TRUE(waits(1u) > 0u);
     kc_update_begin(&s_update);
-    s_learned->gp_ok = false; /* which costs nothing then */
-    s_work = (kc_work_t){kc_model_cost(s_est->arm, s_est->terms, s_learned->coef, false), 0u};
+    s_latest->gp_ok = false; /* which costs nothing then */
+    s_work = (kc_work_t){kc_model_cost(s_est->arm, s_est->terms, s_latest->coef, false), 0u};
     (void)solve();
     TEST_ASSERT_EQUAL_UINT32(0u, s_update.part);
     TEST_ASSERT_EQUAL_UINT32(1u, s_update.i);
@@ -269,7 +269,7 @@ void test_a_good_fit_or_one_from_the_same_start_is_not_tried_again(void)
         TEST_ASSERT_EQUAL_UINT32(0u, s_update.part);
     }
     s_config->second_start_noise_scale = 2.0;
-    s_learned->coef[24] = 0.01;
+    s_latest->coef[24] = 0.01;
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, refine());
     TEST_ASSERT_EQUAL_UINT32(0u, s_update.part);
 }
@@ -283,7 +283,7 @@ void test_a_second_start_counts_if_it_is_better(void)
             solved();
             const double coef = s_est->coef[24];
             s_config->second_start_noise_scale = 1e-9;
-            s_learned->coef[24] = (double)by * 0.0625;
+            s_latest->coef[24] = (double)by * 0.0625;
             s_work = (kc_work_t){1u, 1u}; /* used up: the estimate is begun, and waits */
             TEST_ASSERT_EQUAL_INT(KC_OC_STAY, refine());
             TEST_ASSERT_EQUAL_UINT32(1u, s_update.part);
@@ -315,14 +315,14 @@ void test_each_outlier_that_comes_or_goes_is_reported_by_its_pose(void)
         solved();
         parts.plan.taken_at[6] = (uint8_t)(cases[i].extra ? KC_AT_ARRIVAL : KC_AT_CANDIDATE);
         parts.plan.pose_of[6] = 5u;
-        s_learned->outlier_reported[6] = cases[i].was;
+        s_latest->outlier_reported[6] = cases[i].was;
         s_est->outlier[6] = cases[i].is;
         (void)learn();
         if (cases[i].event != KC_EVT_NONE) {
             expect_event(cases[i].event, 5, cases[i].extra ? 7.0 : 0.0, 0.0);
         }
         TEST_ASSERT_EQUAL_UINT32(0u, parts.out.events.n);
-        TEST_ASSERT_EQUAL_UINT8(cases[i].is, s_learned->outlier_reported[6]);
+        TEST_ASSERT_EQUAL_UINT8(cases[i].is, s_latest->outlier_reported[6]);
     }
 }
 
@@ -342,13 +342,13 @@ void test_which_estimate_becomes_the_correction_for_aiming(void)
     for (uint32_t i = 0u; i < 5u; i++) {
         setUp();
         solved();
-        s_learned->status = cases[i].status;
-        s_learned->trusted = cases[i].trusted;
+        s_latest->status = cases[i].status;
+        s_latest->trusted = cases[i].trusted;
         s_est->rank -= cases[i].less_rank;
         s_est->hold_none = cases[i].hold_none;
-        s_learned->coef[24] = 0.5;
+        s_latest->coef[24] = 0.5;
         TEST_ASSERT_EQUAL_INT(KC_OC_DONE, learn().id);
-        TEST_ASSERT_EQUAL_DOUBLE(cases[i].taken ? s_est->coef[24] : 0.5, s_learned->coef[24]);
+        TEST_ASSERT_EQUAL_DOUBLE(cases[i].taken ? s_est->coef[24] : 0.5, s_latest->coef[24]);
         if (cases[i].status != KC_OK) { expect_event(KC_EVT_CAL_EST, -1, KC_ERR_NUM, 0.0); }
         TEST_ASSERT_EQUAL_UINT32(0u, parts.out.events.n);
     }
@@ -357,16 +357,16 @@ void test_which_estimate_becomes_the_correction_for_aiming(void)
 /* Objective of all poses with the new estimate, the newest pose where it was measured; without room it is lost. */
 void test_the_gaussian_process_learns_f_of_all_poses_anew(void)
 {
-    learned();
+    learn_all();
     TEST_ASSERT_EQUAL_UINT32(1u, s_arena.gp.n);
     TEST_ASSERT_EQUAL_MEMORY(s_est->obs[POSES - 1u].p_m, s_arena.gp.x[0].p_m, 3u * sizeof(double));
     TEST_ASSERT_EQUAL_MEMORY(s_est->obs[POSES - 1u].q_wxyz, s_arena.gp.x[0].q_wxyz, 4u * sizeof(double));
-    TEST_ASSERT_EQUAL_DOUBLE(s_learned->y[0], s_arena.gp.y[0]);
-    TEST_ASSERT_TRUE(s_learned->dr_rad[0] < 0.1 * PHI);
+    TEST_ASSERT_EQUAL_DOUBLE(s_latest->y[0], s_arena.gp.y[0]);
+    TEST_ASSERT_TRUE(s_latest->dr_rad[0] < 0.1 * PHI);
     s_arena.gp.n = KC_MEAS_MAX;
-    learned();
-    TEST_ASSERT_FALSE(s_learned->gp_ok);
-    learned(); /* and the calibration goes on */
+    learn_all();
+    TEST_ASSERT_FALSE(s_latest->gp_ok);
+    learn_all(); /* and the calibration goes on */
 }
 
 void test_hyperparameters_are_chosen_when_the_table_asks(void)
@@ -376,7 +376,7 @@ void test_hyperparameters_are_chosen_when_the_table_asks(void)
         parts.tables.active.kernel.choose = (uint8_t)choose;
         parts.tables.active.kernel.hyper[0].sigma_s = 1e-3; /* f = -1 cannot come from that */
         given_poses(1u, PHI, 0.1);
-        learned();
+        learn_all();
         TEST_ASSERT_EQUAL_UINT32(choose, s_arena.gp.hyper);
     }
 }
@@ -406,7 +406,7 @@ void test_a_pose_that_was_left_out_and_seen_twice_alike_is_the_one_that_nothing_
     parts.plan.n_local = parts.plan.n_meas;
     s_est->without = 3u;
     solved();
-    s_learned->leave_out.decided = true;
+    s_latest->leave_out.decided = true;
     for (uint32_t k = 0u; k < POSES; k++) { parts.plan.cand_of[k] = (uint16_t)k; }
     parts.plan.cand_of[5] = 2u;
     s_est->obs[5] = s_est->obs[2];
@@ -417,8 +417,8 @@ void test_a_pose_that_was_left_out_and_seen_twice_alike_is_the_one_that_nothing_
     TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_OUTLIER, e[0].id);
     TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_MODEL_MISMATCH, e[1].id);
     TEST_ASSERT_EQUAL_INT32(parts.plan.pose_of[2], e[1].index);
-    TEST_ASSERT_EQUAL_DOUBLE(s_learned->dp_m[2], e[1].got);
-    TEST_ASSERT_EQUAL_DOUBLE(s_learned->dr_rad[2], e[1].want);
+    TEST_ASSERT_EQUAL_DOUBLE(s_latest->dp_m[2], e[1].got);
+    TEST_ASSERT_EQUAL_DOUBLE(s_latest->dr_rad[2], e[1].want);
 }
 
 void test_a_prior_that_the_poses_contradict_is_dropped_and_the_estimate_made_again(void)
@@ -426,11 +426,11 @@ void test_a_prior_that_the_poses_contradict_is_dropped_and_the_estimate_made_aga
     given_poses(POSES, 10.0 * PHI, 0.1);
     given_prior();
     solved();
-    s_learned->n_checked = 4u;
+    s_latest->n_checked = 4u;
     TEST_ASSERT_EQUAL_INT(KC_OC_AGAIN, learn().id);
-    TEST_ASSERT_EQUAL_UINT32(0u, s_learned->n_checked);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_latest->n_checked);
     TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_SUSPECTS_DROPPED, parts.out.events.e[0].id);
-    learned();
+    learn_all();
 }
 
 /* ---- REPORT ---- */
@@ -439,7 +439,7 @@ void test_a_prior_that_the_poses_contradict_is_dropped_and_the_estimate_made_aga
 void test_the_prediction_is_the_mean_over_the_candidates(void)
 {
     kc_residual_t sum2 = {0.0, 0.0};
-    learned();
+    learn_all();
     for (uint32_t c = 0u; c < 9u; c++) {
         kc_ctx_t ctx;
         kc_eval_t eval;
@@ -466,8 +466,8 @@ void test_progress_says_what_was_learned(void)
     parts.cal = (kc_cal_t){
         .session = 2u, .candidate = 3, .replicate = 4, .chosen_by = 5, .acq_value = 6.5, .energy_j = 7.5};
     parts.servo_steps = 8u;
-    learned();
-    s_learned->status = KC_ERR_ITER;
+    learn_all();
+    s_latest->status = KC_ERR_ITER;
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, report());
     const kc_progress_t *p = &parts.out.progress;
     const double got[] = {p->session,     p->pose,        p->n_goal,      p->candidate,
@@ -485,11 +485,11 @@ void test_progress_says_what_was_learned(void)
                            5,
                            6.5,
                            7.5,
-                           s_learned->res.pos_m,
-                           s_learned->res.rot_rad,
-                           s_learned->f,
-                           s_learned->gp_mean,
-                           s_learned->gp_sigma,
+                           s_latest->res.pos_m,
+                           s_latest->res.rot_rad,
+                           s_latest->f,
+                           s_latest->gp_mean,
+                           s_latest->gp_sigma,
                            s_est->rank,
                            s_est->n_free,
                            s_est->dof,
@@ -497,10 +497,10 @@ void test_progress_says_what_was_learned(void)
                            KC_ERR_ITER,
                            s_est->fit_pos_m,
                            s_est->fit_rot_rad,
-                           s_learned->coef[24]};
+                           s_latest->coef[24]};
     TEST_ASSERT_EQUAL_DOUBLE_ARRAY(want, got, sizeof want / sizeof want[0]);
     TEST_ASSERT_TRUE(parts.out.has_progress);
-    expect_event(KC_EVT_CAL_POSE, (int32_t)POSES, s_learned->res.pos_m, s_learned->res.rot_rad);
+    expect_event(KC_EVT_CAL_POSE, (int32_t)POSES, s_latest->res.pos_m, s_latest->res.rot_rad);
 }
 
 /* What ends it: a required rotation that the estimate meets or not, poses checked, the power of a test of the table in
@@ -540,11 +540,11 @@ void test_it_ends_when_it_is_good_enough_or_the_table_in_force_is_right(void)
         parts.plan.n_min = cases[i].n_min; /* besides local ones */
         parts.plan.n_local = 1u;
         given_poses(POSES, cases[i].phi_rad, cases[i].noise);
-        learned();
-        s_learned->tested_early = cases[i].tested;
+        learn_all();
+        s_latest->tested_early = cases[i].tested;
         TEST_ASSERT_EQUAL_INT(KC_OC_DONE, report());
-        TEST_ASSERT_EQUAL_INT(cases[i].ended, s_learned->ended);
-        TEST_ASSERT_EQUAL_INT(cases[i].tested_then, s_learned->tested_early);
+        TEST_ASSERT_EQUAL_INT(cases[i].ended, s_latest->ended);
+        TEST_ASSERT_EQUAL_INT(cases[i].tested_then, s_latest->tested_early);
         const kc_event_t *e = parts.out.events.e;
         TEST_ASSERT_EQUAL_UINT32(cases[i].event != KC_EVT_NONE ? 2u : 1u, parts.out.events.n);
         if (cases[i].event == KC_EVT_NONE) { continue; }

@@ -132,7 +132,7 @@ void test_the_tool_is_expected_where_the_corrected_arm_has_it(void)
             q[j] += 0.1;
             at[j] += 0.1;
         }
-        memcpy(parts.learned.coef, coef, sizeof coef);
+        memcpy(parts.latest.coef, coef, sizeof coef);
         kc_view_expect(&parts.view, q, &T);
         expect_pose(at, &T);
     }
@@ -159,7 +159,7 @@ void test_an_arm_that_sags_is_expected_where_it_sags_to(void)
         q[1] += coef[4] * loads.tau[1];
         kc_view_pose(&parts.view, coef, cand, &T);
         expect_pose(q, &T);
-        memcpy(parts.learned.coef, coef, sizeof coef);
+        memcpy(parts.latest.coef, coef, sizeof coef);
         memset(&T, 0, sizeof T);
         kc_view_expect(&parts.view, ctx.q, &T);
         expect_pose(q, &T);
