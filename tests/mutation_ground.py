@@ -67,7 +67,7 @@ FILES = (
     "review_details", "keys_details", "tables_details", "uplink_details", "export_details", "link_details",
     "room_on_board", "source_limits",
     "changes", "operate", "command", "recording", "history", "operate_trouble", "sent_tables", "two_holders",
-    "corrected", "cli",
+    "corrected", "cli", "review_values",
 )  # fmt: skip
 
 

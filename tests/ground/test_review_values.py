@@ -1,0 +1,289 @@
+"""What review and its journal say, by value: limits met exactly, both sides of a bound, each kind of line."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from samples import proposal, sealed
+
+from kincal import review
+from kincal.cli import main
+from kincal.flight.tables import decode_as
+from kincal.link import LogEvent, LogSummary, Session
+from kincal.review import changes, history, journal
+from kincal.review.changes import KinValues
+from kincal.review.status import status
+from kincal_shared import keys
+from kincal_shared.errors import BadInput
+
+BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
+CRC, OTHER = "0000000a", "0000000b"
+
+
+def entry(decision, crc=CRC, key_id=1, **more):
+    return journal.Entry(
+        "2026-01-01T00:00:00+00:00", decision, crc, "A", "w", 1, "", {}, key_id=key_id, **more
+    )
+
+
+@pytest.fixture
+def signer():
+    return keys.Signer(keys.of_simulation(1), keys.counting())
+
+
+# ------------------------------------------------------------------------------- words
+
+
+@pytest.mark.parametrize(
+    ("by", "why", "good"),
+    [
+        ("A" * 200, "w", True),
+        ("A", "w" * 10_000, True),
+        ("A", "\ud7ff\ue000", True),
+        (" ", "w", False),
+        ("A", "\t", False),
+        ("A\nB", "w", False),
+        ("A", "\ud800", False),
+        ("\udfff", "w", False),
+    ],
+)
+def test_names_and_reasons_are_text_of_a_length_that_a_journal_holds(by, why, good, monkeypatch):
+    monkeypatch.setattr(review, "_MOST_NAME", 200)
+    monkeypatch.setattr(review, "_MOST_WORDS", 10_000)
+    if good:
+        review.check_words(by, why)
+        for long in ((by + "A" * 200, why), (by, why + "w" * 10_000)):
+            with pytest.raises(BadInput, match="too long"):
+                review.check_words(*long)
+    else:
+        with pytest.raises(BadInput):
+            review.check_words(by, why)
+
+
+def test_no_line_is_written_with_words_that_cannot_stand_there(tmp_path, signer):
+    with pytest.raises(BadInput, match="needs a name"):
+        review.record(tmp_path / "j", "comment", 0, " ", "w", "", None, signer)
+    assert not (tmp_path / "j").exists()
+    line = review.record(tmp_path / "j", "comment", 0, "A", "w", "", None, signer)
+    assert (line.crc, line.kind, line.command, line.armed_key, line.counter) == ("", "", "", 0, 0)
+
+
+def test_a_journal_below_a_file_cannot_be_written(tmp_path, signer):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="name another by --journal") as error:
+        review.record(tmp_path / "file" / "j", "comment", 0, "A", "w", "", None, signer)
+    assert error.value.where == str(tmp_path / "file")
+
+
+# ------------------------------------------------------------------------------- what a table changes
+
+
+class Terms:
+    """Two coefficients with bounds that differ on both sides, the second with a prior."""
+
+    n = 2
+    coef = (
+        type("C", (), {"lb": -0.1, "ub": 0.3, "prior_sigma": 0.0}),
+        type("C", (), {"lb": -0.2, "ub": 0.4, "prior_sigma": 0.05}),
+    )
+
+
+@pytest.fixture
+def flown(monkeypatch):
+    found = changes.Flown(BIN)
+    found._terms = found.terms = Terms()
+    monkeypatch.setattr(changes, "_shifts", lambda *_: [])
+    return found
+
+
+def test_a_bound_is_that_on_the_side_of_the_value(flown):
+    values = {(0, 0.0): 0.3, (0, 0.1): 0.3, (0, -0.1): 0.1, (1, -1.0): 0.2, (1, 1.0): 0.4, (2, 1.0): 0.0}
+    assert {at: flown.bound(*at) for at in values} == pytest.approx(values)
+    assert [flown.prior_sigma(k) for k in range(3)] == [0.0, 0.05, 0.0]
+
+
+def test_values_alone_are_compared_with_what_is_known_before(flown):
+    names = ["J1.phi_rad", "J1.a_m"]
+    for old, was in ((KinValues(1, (0.01,)), [0.01, 0.0, 0.0]), (None, [None] * 3)):
+        found = changes.of_values([0.06, -0.1, 0.2], [1e-3, 0.0, 0.0], old, names, flown)
+        rows = {row.name: row for row in found.rows}
+        assert [rows[n].old for n in (*names, "coef[2]") if n in rows] == was[: len(rows)]
+        assert rows["J1.phi_rad"].share == pytest.approx(0.2)
+        assert found.old_known is (old is not None)
+    bare = changes.of_values([0.06], [1e-3], KinValues(1, (0.01,)), names, None)
+    assert math.isnan(bare.rows[0].share) and bare.rows[0].source == rows["J1.phi_rad"].source
+
+
+def test_a_rollback_has_no_sigma_and_shares_of_what_comes_back(flown):
+    found = changes.of_rollback(KinValues(2, (0.06, 0.0)), KinValues(1, (-0.05, 0.0)), ["J1.phi_rad"], flown)
+    (row,) = found.rows
+    assert (row.old, row.new, row.sigma, row.source) == (0.06, -0.05, 0.0, "table before")
+    assert row.share == pytest.approx(0.5)
+
+
+def test_what_is_large_is_three_degrees_or_25_mm():
+    assert (math.radians(3.0), 0.025) == (changes.BIG_RAD, changes.BIG_M)
+
+
+# ------------------------------------------------------------------------------- what was rejected
+
+
+def test_rejected_poses_are_those_of_the_session_from_its_first_pose_to_its_proposal():
+    p = proposal()
+    p.t_us, p.n_outliers = 200, 2
+    p = sealed(p)
+    session = Session(3)
+    session.progress = [type("P", (), {"t_us": 100})()]
+    session.proposal = p
+    log = LogSummary(Path("-"))
+    log.sessions[3] = session
+
+    def event(name, t_us, index=0, got=0.0):
+        return LogEvent(t_us, "warning", 0, "", name, index, got)
+
+    log.events = [
+        event("CAL_OUTLIER", 99, 1),
+        event("CAL_OUTLIER", 100, 2),
+        event("CAL_OUTLIER", 150, 3),
+        event("CAL_OUTLIER_ACCEPTED", 160, 3),
+        event("CAL_OUTLIER", 201, 4),
+        event("CAL_EXTRA_OUTLIER", 99, 5, 11.0),
+        event("CAL_EXTRA_OUTLIER", 200, 5, 12.0),
+        event("CAL_EXTRA_OUTLIER", 150, 5, 13.0),
+        event("CAL_EXTRA_OUTLIER_ACCEPTED", 160, 5, 13.0),
+        event("CAL_EXTRA_OUTLIER", 201, 5, 14.0),
+    ]
+    found = status(log, review.from_message(p, review.coef_names(BIN)))
+    assert (found.rejected, found.rejected_extra, found.exact) == ((2,), (12,), True)
+
+
+# ------------------------------------------------------------------------------- the journal
+
+
+def test_an_attempt_ends_with_a_line_of_the_same_command_correction_and_key():
+    attempts = [
+        entry("attempt", command="APPROVE_ARM"),
+        entry("attempt", OTHER, command="APPROVE_ARM"),
+        entry("attempt", key_id=2, command="APPROVE_ARM"),
+        entry("attempt", command="REJECT"),
+    ]
+    assert journal.unfinished(attempts) == attempts
+    for k, line in enumerate(
+        (
+            entry("arm"),
+            entry("refused", OTHER, command="APPROVE_ARM"),
+            entry("unanswered", key_id=2, command="APPROVE_ARM"),
+            entry("reject"),
+        )
+    ):
+        left = [a for j, a in enumerate(attempts) if j != k]
+        assert journal.unfinished([*attempts, line]) == left
+    assert journal.unfinished([*attempts, entry("seen"), entry("refused", command="START")]) == attempts
+
+
+def test_a_note_of_the_end_needs_eight_digits(tmp_path, signer):
+    path = tmp_path / "j"
+    for why in ("one", "two"):
+        review.record(path, "comment", 0, "A", why, "", None, signer)
+    found = journal.read(path, signer.known)
+    noted = journal.end_text(found)
+    count, _, digest = noted.partition(":")
+    assert (count, len(digest)) == ("2", 16)
+    for good in (noted, f"2:{digest[:8]}", "0"):
+        journal.check_noted(found, good)
+    for bad in (f"2:{digest[:7]}", f"1:{digest}", f"3:{digest}", "x", "2:00000000"):
+        with pytest.raises(BadInput, match="does not hold what was noted"):
+            journal.check_noted(found, bad)
+
+
+def test_an_empty_journal_of_a_flight_that_took_commands_is_missing(tmp_path):
+    empty = journal.Journal(tmp_path / "j")
+    full = replace(empty, entries=(entry("seen"),))
+    assert [bool(journal.missing(x, 1, n)) for x in (empty, full) for n in (0, 7)] == [
+        False,
+        True,
+        False,
+        False,
+    ]
+    assert "key 1 up to counter 7" in journal.missing(empty, 1, 7)
+
+
+def test_why_nobody_vouches_for_lines_follows_from_the_last_of_them():
+    key = keys.of_simulation(1)
+    with_mac, without = entry("seen", key_id=5, mac="x"), entry("seen", key_id=0)
+    assert journal._why([], [key]) == ""
+    assert "no key file" in journal._why([with_mac], [])
+    assert "no MAC" in journal._why([with_mac, without], [key])
+    assert "does not have key 5" in journal._why([without, with_mac], [key])
+
+
+# ------------------------------------------------------------------------------- history
+
+
+def correction(crc, utc_s=1.0, session=1, value=0.0, terms="t"):
+    return history.Correction(utc_s, session, crc, "", terms, "change", (value,), (1e-3,))
+
+
+def test_a_table_in_force_is_that_of_a_correction_and_decided_by_lines_about_it():
+    found = history.History(corrections=[correction(CRC)])
+    kin, config = history.InForce(1.0, "KIN", CRC), history.InForce(1.0, "CONFIG", CRC)
+    assert found.what(kin) == "correction of session 1, change"
+    assert found.what(config) == found.what(replace(kin, crc=OTHER)) == ""
+    lines = [entry("approve"), entry("approve", OTHER), entry("table_activate"), entry("seen")]
+    assert history.decided(kin, lines) == "approved by A: w; sent by A: w"
+
+
+def test_histories_are_joined_in_order_and_each_change_is_there_once():
+    one = history.History([history.InForce(1.0, "KIN", CRC), history.InForce(5.0, "KIN", OTHER)], until_s=6.0)
+    two = history.History(
+        [history.InForce(3.0, "KIN", CRC), history.InForce(4.0, "CONFIG", CRC)], until_s=4.0
+    )
+    one.corrections, two.corrections = [correction(CRC, 2.0)], [correction(CRC, 3.0), correction(OTHER, 1.5)]
+    found = history.joined([one, two])
+    assert [(x.utc_s, x.kind, x.crc) for x in found.in_force] == [
+        (1.0, "KIN", CRC),
+        (4.0, "CONFIG", CRC),
+        (5.0, "KIN", OTHER),
+    ]
+    assert [(c.utc_s, c.crc) for c in found.corrections] == [(1.5, OTHER), (2.0, CRC)]
+
+
+def test_the_monitor_is_kept_once_a_minute_and_at_each_change():
+    found = history.History()
+    for t, state in ((1.0, 0), (30.0, 0), (61.0, 0), (62.0, 1), (121.0, 1), (123.0, 0)):
+        rest = {"mon_joint": 0, "mon_bias": 0.0, "mon_sigma": 0.0, "mon_p": 1.0}
+        hk = type("H", (), {"mon_state": state, **rest})
+        found._monitor(hk, t)
+    assert [m.utc_s for m in found.monitor] == [1.0, 61.0, 62.0, 123.0]
+    assert [m.utc_s for m in found.monitor_changes()] == [1.0, 62.0, 123.0]
+    words = [history.MonitorState(0.0, k, 0, 0.0, 0.0, 0.0).text for k in (-1, 0, 1, 99)]
+    assert words[0] == "state -1" and words[1] == "quiet" and words[2] != "quiet" and words[3] == "state 99"
+
+
+def test_a_trend_says_which_corrections_were_put_in_force_or_approved():
+    _, terms = decode_as("terms", (BIN / "terms.tbl").read_bytes())
+    found = history.History(
+        [history.InForce(1.0, "KIN", CRC), history.InForce(1.0, "CONFIG", OTHER)],
+        [
+            correction(CRC, value=0.1),
+            correction(OTHER, value=0.2),
+            correction("c", value=0.3),
+            correction("d", terms="u"),
+        ],
+    )
+    (trend,) = history.trends(found, {"t": terms}, [entry("approve", "c"), entry("seen", OTHER)])
+    assert [(p.crc, p.value, p.active) for p in trend.points] == [
+        (CRC, 0.1, True),
+        (OTHER, 0.2, False),
+        ("c", 0.3, True),
+    ]
+
+
+# ------------------------------------------------------------------------------- on the command line
+
+
+def test_review_show_needs_a_log_or_the_link(tmp_path):
+    done = CliRunner().invoke(main, ["review", "show", "--keys", str(tmp_path / "keys")])
+    assert done.exit_code == 2 and "name one, or --live" in done.output
