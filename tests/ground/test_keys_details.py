@@ -165,3 +165,66 @@ def test_key_show_has_a_fingerprint_of_each_key_and_no_secret(tmp_path):
     mark = shown[0].partition("fingerprint ")[2]
     assert len(mark) == 8 and mark not in secret.hex() and secret.hex() not in "".join(shown)
     assert keys.Key(1, secret).digest(b"").hex()[:8] != mark  # no MAC of anything that is sent
+
+
+# ------------------------------------------------------------------------ holders
+
+
+@pytest.mark.parametrize(
+    ("key_id", "first", "last"), [(1, 1, 99), (99, 1, 99), (101, 100, 199), (4242, 4200, 4299)]
+)
+def test_the_second_step_takes_a_key_of_another_hundred(key_id, first, last):
+    assert keys.other_than(key_id).endswith(f"than key {key_id}, of another holder (not {first} to {last})")
+
+
+def test_the_number_of_a_holder_leaves_room_for_those_of_the_keys(tmp_path):
+    most = (2**31 - 1) // 100 - 1
+    assert keys.new(tmp_path / "most", most).id == 100 * most + 1
+    for number in (-1, most + 1):
+        with pytest.raises(BadInput, match="no number of a holder"):
+            keys.new(tmp_path / "none", number)
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_file_holds_one_to_four_keys_of_different_numbers(tmp_path):
+    lines = [f"{n} {SECRET}" for n in range(1, 6)]
+    for n in range(1, 5):
+        assert len(keys.read(written(tmp_path, *lines[:n]))) == n
+    for wrong in ([], lines, [lines[0], lines[0]]):
+        with pytest.raises(BadInput, match="one to four keys"):
+            keys.read(written(tmp_path, *wrong))
+
+
+def test_files_of_holders_are_joined_if_flight_takes_that_many_keys(tmp_path):
+    files = []
+    for number in range(5):
+        files.append(tmp_path / f"holder{number}")
+        keys.new(files[-1], number)
+    out = tmp_path / "folder" / "flight"
+    for n in range(1, 5):
+        assert [key.id for key in keys.join(out, files[:n])] == [100 * k + 1 for k in range(n)]
+        assert keys.read(out) == keys.join(out, files[:n])
+    before = out.read_bytes()
+    for wrong, words in (
+        ([], "these are 0"),
+        (files, "these are 5"),
+        ([files[0], files[0]], "the same number"),
+        ([files[0], out], "the same number"),
+    ):
+        with pytest.raises(BadInput, match=words):
+            keys.join(out, wrong)
+    with pytest.raises(BadInput, match="file of a holder would be replaced"):
+        keys.join(files[1], files[:2])
+    assert out.read_bytes() == before and len(keys.read(files[1])) == 1
+    assert out.parent.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_file_that_another_program_holds_is_waited_for_and_then_said(file):
+    with file.open("rb", buffering=0) as mine, file.open("rb", buffering=0) as other:
+        keys.lock(other, file, 0.0)
+        begun_s = time.monotonic()
+        with pytest.raises(BadInput, match="has held this file for 0.05 s"):
+            keys.lock(mine, file, 0.05)
+        assert time.monotonic() - begun_s >= 0.05
+        other.close()
+        keys.lock(mine, file, 0.0)
