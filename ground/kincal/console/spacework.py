@@ -53,12 +53,20 @@ def check(spec: Plain) -> Plain:
         Tile("candidates verified", str(table.n_candidates)),
         Tile("postures that touch", f"{share:.2%}", about=f"{found.contacts} of {found.sampled} sampled"),
     ]
-    verdict = "It holds" if found.ok else "It does not hold: do not send it"
+    verdict = _verdict(found.ok, share)
     sections = [Section("problems", "What does not hold", grid=Grid.of("<of|<what", problems))]
     about = f"{spec['of']}; servo bounds sampled with other random numbers than the search used"
     page = Page("Search space", f"Table {image.crc_text} verified again", about,
                 Provenance(spec["date"]), sections if problems else (), tiles, verdict=verdict)  # fmt: skip
     return {"page": document(page), "crc": image.crc_text, "good": found.ok, "text": verdict}
+
+
+def _verdict(ok: bool, share: float) -> str:
+    """In words. share: of the postures inside servo bounds that touch something."""
+    if not ok:
+        return "It does not hold: do not send it"
+    rest = f"; {share:.2%} of the postures inside servo bounds touch, and flight's guard has to refuse them"
+    return "It holds" + (rest if share > 0.0 else "")
 
 
 def _answer(spec: Plain) -> Plain:
