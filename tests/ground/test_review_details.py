@@ -321,6 +321,36 @@ def test_a_clean_correction_is_armed_without_an_override_and_put_in_force(file, 
     assert all(e.override == "" and e.numbers == good.numbers for e in written)
     assert any(text.startswith("armed by A. Reviewer") for text in said)
     assert not any("override" in text for text in said)
+    assert f"correction {CRC:08x} is in force" in said
+    assert said.count(f"recorded in {file}") == 2
+
+
+@pytest.mark.parametrize("act", [decisions.arm, decisions.go, decisions.reject])
+def test_a_decision_without_a_name_is_refused_before_flight_is_asked(file, act, signer):
+    flight = DirectFlight(signer).waits(CRC)
+    who, _ = operator(file, by=" ")
+    with pytest.raises(BadInput, match="a name and a reason"):
+        act(flight, f"{CRC:08x}", who)
+    assert not flight.commands and flight.now_s == 0.0 and not file.exists()
+
+
+def test_what_flight_took_and_no_line_can_hold_is_said(file, good, signer, monkeypatch):
+    """The journal is full between attempt and outcome."""
+    flight = DirectFlight(signer).waits(CRC)
+    seen(file, good, signer)
+    who, said = operator(file)
+    real = journal.append
+
+    def full(path, entry, key):
+        if entry.decision == "arm":
+            raise BadInput("no space", str(path))
+        return real(path, entry, key)
+
+    monkeypatch.setattr(journal, "append", full)
+    with pytest.raises(KincalError):
+        decisions.arm(flight, f"{CRC:08x}", who)
+    assert "NOT in the journal: no space" in said
+    assert len(flight.commands) == 1
 
 
 def test_the_override_of_the_first_step_is_said_and_kept_at_the_second(file, good, signer):

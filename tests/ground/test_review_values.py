@@ -123,6 +123,34 @@ def test_a_rollback_has_no_sigma_and_shares_of_what_comes_back(flown):
     assert row.share == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize(
+    ("status", "sigma", "prior", "text"),
+    [
+        ("estimated", 1e-3, 0.0, "data"),
+        ("estimated", 0.001, 0.05, "data"),
+        ("estimated", 0.05, 0.05, "prior"),
+        ("estimated", 0.035, 0.05, "data 51%, prior"),
+        ("at lower bound", 1e-3, 0.0, "data, at lower bound"),
+        ("held", 1e-3, 0.0, "held: kept as it was"),
+        ("estimated", 0.0, 0.0, "estimated"),
+    ],
+)
+def test_what_a_value_rests_on_is_the_share_of_the_data_beside_the_prior(status, sigma, prior, text):
+    assert changes._source(status, sigma, prior) == text
+
+
+def test_a_row_is_shown_if_it_was_estimated_or_changes(flown):
+    found = changes.of_values(
+        [0.01, 0.01, 0.01, 0.02], [1e-3, 0.0, 0.0, 0.0], KinValues(1, (0.01,) * 4), "abcd", flown
+    )
+    assert {row.name for row in found.rows} == {"a", "d"}
+    r = review.from_message(proposal(), review.coef_names(BIN))
+    old = KinValues(1, tuple(c.value for c in r.coefs))
+    assert {row.name for row in changes.of_review(r, old, flown).rows} == {
+        c.name for c in r.coefs if c.sigma > 0.0
+    }
+
+
 def test_what_is_large_is_three_degrees_or_25_mm():
     assert (math.radians(3.0), 0.025) == (changes.BIG_RAD, changes.BIG_M)
 
