@@ -619,6 +619,62 @@ def test_frames_of_a_resting_scene_share_noise_in_the_fast_mode(cfg, body):
     assert np.mean(left) == pytest.approx(0.5, rel=0.15)
 
 
+def test_pose_and_alternative_are_those_of_opencv(cfg):
+    """The best and the next different one of what solvePnPRefineLM makes of all plane poses. It stops short
+    of a minimum, so with two tags the same minimum has several poses, 1e-7 apart: one of them it must be."""
+    rng, others = np.random.default_rng(17), 0
+    for i in range(60):
+        T, tags = floating_pose(cfg, rng), cfg.tags[: 1 + i % 2]
+        points = [pnp.tool_corners(t.T_tool_tag, t.size_m) for t in tags]
+        px = [cv2.projectPoints(x, cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], cfg.K, None)[0] for x in points]
+        px = [x.reshape(4, 2) + 0.1 * rng.standard_normal((4, 2)) for x in px]
+        starts = [s for tag, x in zip(tags, px, strict=True) for s in both_minima(cfg.K, tag, x)]
+        fits = [opencv_fit(cfg.K, *s, np.vstack(points), np.vstack(px)) for s in starts]
+        best = min(fits, key=lambda fit: fit[0])
+        different = [fit for fit in fits if np.linalg.norm(corner_model.vector(best[1].T @ fit[1])) > 0.01]
+        other = min(different, key=lambda fit: fit[0], default=best)
+        pose = pnp.solve(cfg.K, list(zip(tags, px, strict=True)))
+        assert is_one_of(fits, best, (pose.rms_px, pose.R, pose.p_m))
+        assert is_one_of(fits, other, (pose.rms_alt_px, pose.R_alt, pose.p_alt_m))
+        others += other is not best
+    assert others >= 30
+
+
+def opencv_fit(K, R, p, points, px):
+    """RMS [px], R, p [m] of a start refined by OpenCV alone."""
+    rvec, tvec = cv2.Rodrigues(R)[0], p.reshape(3, 1).copy()
+    rvec, tvec = cv2.solvePnPRefineLM(points, px, K, None, rvec, tvec, pnp.REFINE_UNTIL)
+    seen = cv2.projectPoints(points, rvec, tvec, K, None)[0].reshape(-1, 2)
+    return np.sqrt(np.mean((seen - px) ** 2)), cv2.Rodrigues(rvec)[0], tvec.ravel()
+
+
+def is_one_of(fits, wanted, got) -> bool:
+    """Whether a pose is, to 1e-9, one of the fits that are as good as the wanted one."""
+    return any(
+        abs(fit[0] - wanted[0]) < 1e-6
+        and all(np.allclose(a, b, 0, 1e-9) for a, b in zip(fit, got, strict=True))
+        for fit in fits
+    )
+
+
+def test_a_scene_that_has_moved_is_looked_at_anew(cfg, body):
+    """The tags in view are kept while a scene rests, and no longer: camera and tool stay, a shape moves."""
+    rng, model = np.random.default_rng(18), detection_model.DetectionModel(cfg, body.model)
+    T = posture_in_view(cfg, body, rng)
+    at, shape = (body.data, body.T_base_cam, body.T_base_cam @ T, rng), body.model.geom("pedestal").id
+    away_m, before_lens_m = body.data.geom_xpos[shape].copy(), body.T_base_cam[:3, :3] @ (0.4 * T[:3, 3])
+    for place_m, seen in (
+        (away_m, True),
+        (away_m, True),
+        (body.T_base_cam[:3, 3] + before_lens_m, False),
+        (away_m, True),
+    ):
+        body.data.geom_xpos[shape] = place_m
+        assert (model.detect(*at)["n_tags"] > 0) == seen
+    far = transforms.transform([0.0, 0.0, 6.0], np.eye(3))
+    assert model.detect(body.data, body.T_base_cam, body.T_base_cam @ far, rng)["n_tags"] == 0
+
+
 def test_fast_mode_isotropic_noise(body):
     iso = camera.load_config(detection={"noise": "isotropic"})
     rng = np.random.default_rng(13)

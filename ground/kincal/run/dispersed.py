@@ -234,7 +234,7 @@ def read_back(key: str, world: World, used: Path, folder: Path) -> Value:
         case ["config", *field]:
             return _config_value(used, field)
         case ["arm", "errors", name]:
-            return geometry_errors(world)[name]
+            return geometry_errors(world, name.partition(".")[0])[name]
         case ["arm", "encoder_bias_rad", joint]:
             return float(world.plant.encoders.bias_rad[_index(joint)])
         case ["arm", "encoder_gain", joint]:
@@ -277,22 +277,23 @@ def _config_value(used: Path, field: list[str]) -> Value:
     return known[int(here)] if known else here
 
 
-def geometry_errors(world: World) -> dict[str, float]:
-    """Errors of all joints, base and tool from MuJoCo's bodies: where they are less where the nominal arm has
-    them [rad, m]."""
-    arm, found = world.arm, {}
-    for j, nominal in enumerate(arm.spec["joint"], 1):
-        phi = Rotation.from_quat(arm.model.body(f"link{j}").quat, scalar_first=True)
-        frame = arm.model.body(f"frame{j}")
-        alpha = Rotation.from_quat(frame.quat, scalar_first=True)
-        found[f"J{j}.phi_rad"] = _turn(phi, 2, nominal.get("phi_rad", 0.0))
-        found[f"J{j}.alpha_rad"] = _turn(alpha, 0, nominal["alpha_rad"])
-        found[f"J{j}.a_m"] = float(frame.pos[0] - nominal["a_m"])
-        found[f"J{j}.d_m"] = float(frame.pos[2] - nominal["d_m"])
-    for name, body in (("base", "frame0"), ("tool", "tool")):
-        built = arm.model.body(body)
-        found |= _frame_error(name, built.pos - arm.spec[name]["xyz_m"], built.quat)
-    return found
+def geometry_errors(world: World, of: str) -> dict[str, float]:
+    """Errors of a joint (J1..), of "base" or of "tool" from MuJoCo's bodies: where they are less where the
+    nominal arm has them [rad, m]."""
+    arm = world.arm
+    if of in ("base", "tool"):
+        built = arm.model.body("frame0" if of == "base" else of)
+        return _frame_error(of, built.pos - arm.spec[of]["xyz_m"], built.quat)
+    j = _index(of)
+    nominal, frame = arm.spec["joint"][j], arm.model.body(f"frame{j + 1}")
+    phi = Rotation.from_quat(arm.model.body(f"link{j + 1}").quat, scalar_first=True)
+    alpha = Rotation.from_quat(frame.quat, scalar_first=True)
+    return {
+        f"{of}.phi_rad": _turn(phi, 2, nominal.get("phi_rad", 0.0)),
+        f"{of}.alpha_rad": _turn(alpha, 0, nominal["alpha_rad"]),
+        f"{of}.a_m": float(frame.pos[0] - nominal["a_m"]),
+        f"{of}.d_m": float(frame.pos[2] - nominal["d_m"]),
+    }
 
 
 def _turn(R: Rotation, axis: int, nominal_rad: float) -> float:

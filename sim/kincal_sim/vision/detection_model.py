@@ -65,11 +65,11 @@ def _facing_tags(cfg: Config, T_cam_tool: np.ndarray) -> Iterator[Visible]:
             continue
         cosine = float(T[:3, 2] @ T[:3, 3]) / _length(T[:3, 3])
         incidence = float(np.arccos(min(max(cosine, -1.0), 1.0)))
-        corners = tag.tool_corners_m
-        px = pnp.project(cfg.K, T_cam_tool[:3, :3], T_cam_tool[:3, 3], corners)
+        if incidence > math.radians(cfg.detection["max_incidence_deg"]):
+            continue
+        px = pnp.project(cfg.K, T_cam_tool[:3, :3], T_cam_tool[:3, 3], tag.tool_corners_m)
         edge_px = math.sqrt(((px - px[[3, 0, 1, 2]]) ** 2).sum(1).min())
-        facing = incidence <= np.radians(cfg.detection["max_incidence_deg"])
-        if facing and edge_px >= cfg.detection["min_edge_px"]:
+        if edge_px >= cfg.detection["min_edge_px"]:
             yield Visible(tag, px, incidence)
 
 
@@ -162,6 +162,9 @@ class DetectionModel:
         self.cfg, self.model = cfg, model
         # Of the frame before, by tag: corners without noise [px], noise that a resting scene repeats.
         self._before: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        # Of the frame before: where everything stood, and the tags in view.
+        self._scene: tuple[bytes, ...] = ()
+        self._seen: list[Visible] = []
 
     def detect(
         self,
@@ -171,7 +174,7 @@ class DetectionModel:
         rng: np.random.Generator,
     ) -> dict[str, Any]:
         """What the detector would report about a frame taken now, by field name."""
-        seen = visible_tags(self.cfg, self.model, data, T_base_cam, T_base_tool)
+        seen = self._visible(data, T_base_cam, T_base_tool)
         if not seen:
             return _no_detection()
         corners = self._noisy_corners(seen, rng)
@@ -183,8 +186,18 @@ class DetectionModel:
             return _no_detection()
         return _tag_fields(seen, corners) | _pose_fields(self.cfg.K, *pose)
 
+    def _visible(self, data: mujoco.MjData, T_base_cam: np.ndarray, T_base_tool: np.ndarray) -> list[Visible]:
+        """visible_tags(); if nothing has moved since the frame before, its answer."""
+        places = (T_base_cam, T_base_tool, data.geom_xpos, data.geom_xmat)
+        scene = tuple(array.tobytes() for array in places)
+        if scene != self._scene:
+            self._scene = scene
+            self._seen = visible_tags(self.cfg, self.model, data, T_base_cam, T_base_tool)
+        return self._seen
+
     def _noisy_corners(self, seen: list[Visible], rng: np.random.Generator) -> list[np.ndarray]:
         sigma, share = self.cfg.detection["corner_sigma_px"], self.cfg.detection["frame_shared"]
+        repeats, differs = math.sqrt(share), math.sqrt(1.0 - share)
         before, self._before = self._before, {}
         out = []
         for v in seen:
@@ -192,7 +205,7 @@ class DetectionModel:
             rests = old is not None and np.abs(old[0] - v.corner_px).max() < _REST_PX
             repeated = old[1] if old is not None and rests else rng.standard_normal((4, 2))
             self._before[v.tag.id] = (v.corner_px, repeated)
-            noise = np.sqrt(share) * repeated + np.sqrt(1.0 - share) * rng.standard_normal((4, 2))
+            noise = repeats * repeated + differs * rng.standard_normal((4, 2))
             out.append(v.corner_px + sigma * noise)
         return out
 
@@ -212,7 +225,7 @@ def _from_corners(cfg: Config, seen: list[Visible], corners: list[np.ndarray]) -
     pose = pnp.solve(cfg.K, list(zip(tags, corners, strict=True)))
     if pose is None:
         return None
-    points = np.vstack([t.tool_corners_m for t in tags])
+    points = np.concatenate([t.tool_corners_m for t in tags])
     known_px, weight = cfg.detection["corner_sigma_px"], cfg.detection["corner_sigma_weight"]
     sigma = pnp.corner_sigma(pose.rms_px, len(points), known_px, weight)
     return pose, pnp.covariance(pnp.jacobian(cfg.K, pose.R, pose.p_m, points), sigma)

@@ -8,6 +8,7 @@ the camera frame.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -38,6 +39,7 @@ class _Candidate:
     R: np.ndarray
     p: np.ndarray
     rms_px: float
+    in_front: bool  # all corners lie before the camera
 
 
 def tool_corners(T_tool_tag: np.ndarray, size_m: float) -> np.ndarray:
@@ -47,10 +49,12 @@ def tool_corners(T_tool_tag: np.ndarray, size_m: float) -> np.ndarray:
 
 def project(K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(k, 2) pixels of tool-frame points."""
-    x, y, z = (points @ R.T + p).T
-    px = np.empty((len(points), 2))
-    px[:, 0], px[:, 1] = K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]
-    return px
+    return _pixels(K, points @ R.T + p)
+
+
+def _pixels(K: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
+    """(k, 2) pixels of points (k, 3) in the camera frame."""
+    return K.diagonal()[:2] * seen_m[:, :2] / seen_m[:, 2:] + K[:2, 2]
 
 
 def jacobian(K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -83,11 +87,11 @@ def solve(K: np.ndarray, seen: list[SeenTag]) -> Pose | None:
     Each tag gives two plane poses (IPPE); each is refined on all corners together. The best is the answer,
     the next one that differs from it is the alternative.
     """
-    points = np.vstack([tag.tool_corners_m for tag, _ in seen])
-    pixels = np.vstack([px for _, px in seen])
+    points = np.concatenate([tag.tool_corners_m for tag, _ in seen])
+    pixels = np.concatenate([px for _, px in seen])
     starts = [start for tag in seen for start in _plane_poses(K, tag)]
     refined = [_refine(K, R, p, points, pixels) for R, p in starts]
-    found = [c for c in refined if np.isfinite(c.rms_px) and np.all((points @ c.R.T + c.p)[:, 2] > 0.0)]
+    found = [c for c in refined if math.isfinite(c.rms_px) and c.in_front]
     if not found:
         return None
     found.sort(key=lambda c: c.rms_px)
@@ -112,9 +116,11 @@ def _refine(
     rvec, tvec = cv2.Rodrigues(R)[0], p.reshape(3, 1).copy()
     rvec, tvec = cv2.solvePnPRefineLM(points, pixels, K, None, rvec, tvec, REFINE_UNTIL)
     R, p = cv2.Rodrigues(rvec)[0], tvec.ravel()
-    rms_px = float(np.sqrt(np.mean((project(K, R, p, points) - pixels) ** 2)))
-    return _Candidate(R, p, rms_px)
+    seen_m = points @ R.T + p
+    off_px = (_pixels(K, seen_m) - pixels).ravel()
+    rms_px = math.sqrt(np.add.reduce(off_px * off_px) / len(off_px))
+    return _Candidate(R, p, rms_px, min(seen_m[:, 2].tolist()) > 0.0)
 
 
 def _rotation_between(A: np.ndarray, B: np.ndarray) -> float:
-    return float(np.linalg.norm(cv2.Rodrigues(A.T @ B)[0]))
+    return math.hypot(*cv2.Rodrigues(A.T @ B)[0].ravel().tolist())
