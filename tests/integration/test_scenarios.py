@@ -28,11 +28,13 @@ from kincal.flight import Arm as FlightArm
 from kincal.flight import Model, Observations, Terms
 from kincal.run.inprocess import Setup, Store, simulate
 from kincal_shared.errors import BadInput
-from kincal_sim import executive, lockstep, ports, run
+from kincal_sim import executive, lockstep, ports, run, transforms
 from kincal_sim.executive import Executive
 from kincal_sim.mechanics.arm import Arm
+from kincal_sim.mechanics.plant import Conditions, Effect
+from kincal_sim.randomness import generator
 from kincal_sim.scenario import SCENARIO_DIR, load
-from kincal_sim.truth import held_out_poses, true_coefficients, truth_record
+from kincal_sim.truth import build_plant, conditions, held_out_poses, true_coefficients, truth_record
 from kincal_sim.vision.camera import load_config
 from kincal_sim.vision.detection_model import visible_tags
 from kincal_sim.vision.imagers import Imager
@@ -77,6 +79,36 @@ def test_every_scenario_loads_and_gives_200_held_out_poses_inside_limits_and_reg
     assert np.all(p >= region["min_m"]) and np.all(p <= region["max_m"])
     assert held_out_poses(scenario, world.plant, 3) == record["held_out"]
     assert held_out_poses(scenario, world.plant, 4) != record["held_out"]
+
+
+@pytest.mark.parametrize("name", ["paper", "encoder_bias", "compliance"])
+def test_held_out_poses_are_those_of_one_try_after_the_other(name):
+    scenario = load(name)
+    plant = build_plant(scenario, pictures=False)
+    want = one_try_after_the_other(scenario, plant, 5, 20)
+    nowhere = Conditions(q_rad=np.zeros(7), payload_kg=scenario.env.payload_kg)
+    plant.settle(nowhere, [*plant.effects, FarTool()])  # what that moved is back where it was
+    assert held_out_poses(scenario, plant, 5, 20) == want
+
+
+class FarTool(Effect):
+    """The tool is a metre farther away."""
+
+    def body_offsets(self, _at, _loads):
+        return {"tool": transforms.trans(1.0, 0.0, 0.0)}
+
+
+def one_try_after_the_other(scenario, plant, seed, n):
+    rng, rng_sides = generator(seed, "held out"), generator(seed, "held out sides")
+    arm, region, found = plant.arm(scenario.env.payload_kg), plant.spec["region"], []
+    while len(found) < n:
+        q, side = rng.uniform(arm.q_min, arm.q_max), rng_sides.choice([-1, 1], arm.n)
+        T = plant.settle(conditions(scenario, q, side)).T_base_tool
+        p_m, q_wxyz = T[:3, 3], transforms.quaternion(T)
+        if np.all(p_m >= region["min_m"]) and np.all(p_m <= region["max_m"]):
+            columns = {"q_rad": q, "dir": side, "p_m": p_m, "q_wxyz": q_wxyz}
+            found.append({key: value.tolist() for key, value in columns.items()})
+    return found
 
 
 @pytest.mark.parametrize("name", ["paper", "encoder_bias"])

@@ -155,6 +155,22 @@ def test_quaternions_are_exact_for_half_turns_and_random_rotations(rng):
         np.testing.assert_allclose(transforms.rotation_matrix(q), R, atol=1e-14)
 
 
+def test_an_arm_without_textures_is_the_same_arm(rng):
+    """To the bit, in all numbers of MuJoCo's model that are not about textures and names."""
+    dressed, bare = (Arm(errors={"J2.phi_rad": 0.1, "J3.a_m": 0.01}, pictures=t) for t in (True, False))
+    assert dressed.model.ntex == 3 and bare.model.ntex == 0
+    about = ("tex", "mat_texid", "name", "nname", "nbuffer", "ntex", "signature")
+    for field in dir(dressed.model):
+        value = getattr(dressed.model, field)
+        if isinstance(value, np.ndarray | int | float) and not field.startswith(("_", *about)):
+            np.testing.assert_array_equal(getattr(bare.model, field), value, field)
+    q = rng.uniform(bare.q_min, bare.q_max)
+    for arm in (dressed, bare):
+        arm.set(q, 0.1, 0.2)
+    np.testing.assert_array_equal(bare.T_base_tool, dressed.T_base_tool)
+    np.testing.assert_array_equal(bare.T_base_cam, dressed.T_base_cam)
+
+
 # -- what the encoders do not show -------------------------------------------------------------------
 
 
