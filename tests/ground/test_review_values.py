@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from samples import proposal, sealed
+from samples import CRC as CRC_OF_LOG
+from samples import proposal, sealed, signed, write_log
 
 from kincal import review
+from kincal.api import reviews
 from kincal.cli import main
 from kincal.flight.tables import decode_as
 from kincal.link import LogEvent, LogSummary, Session
@@ -307,6 +309,35 @@ def test_a_trend_says_which_corrections_were_put_in_force_or_approved():
         (OTHER, 0.2, False),
         ("c", 0.3, True),
     ]
+
+
+# ------------------------------------------------------------------------------- what was seen, and where
+
+
+def test_reasons_are_those_that_were_seen_last(tmp_path):
+    def seen(time, *reasons):
+        numbers = {"p_fit": 0.5, "fit_pos_m": 0.0, "before_pos_m": 1.0, "noise_scale": 1.0}
+        when = f"2026-01-0{time}T00:00:00+00:00"
+        return replace(entry("seen"), time=when, against=reasons, verdict="change", numbers=numbers)
+
+    lines = (seen(1, "old"), seen(3, "newest"), seen(2, "between"), replace(seen(4, "other"), crc=OTHER))
+    found = [journal.Journal(tmp_path / "a", lines[:2]), journal.Journal(tmp_path / "b", lines[2:])]
+    for order in (found, found[::-1]):
+        assert reviews.against(order, 0xA)[-1] == "newest"
+        assert reviews.against(order, 0xB)[-1] == "other"
+        assert reviews.against(order, 0xC) == []
+
+
+def test_a_correction_is_in_the_newest_recording_that_proposes_it(tmp_path):
+    for name, crc in (("a", 1), ("b", CRC_OF_LOG), ("c", CRC_OF_LOG), ("d", 2)):
+        p = proposal()
+        p.crc = signed(crc)
+        write_log(tmp_path / f"{name}.lcmlog", waiting=p)
+    (tmp_path / "e.lcmlog").write_bytes(b"")
+    (tmp_path / "f.lcmlog").write_text("no log")
+    assert reviews.recorded(CRC_OF_LOG, tmp_path) == tmp_path / "c.lcmlog"
+    assert reviews.recorded(1, tmp_path) == tmp_path / "a.lcmlog"
+    assert reviews.recorded(3, tmp_path) is None
 
 
 # ------------------------------------------------------------------------------- on the command line
