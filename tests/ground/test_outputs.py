@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from pathlib import Path
 
@@ -73,6 +74,14 @@ def test_a_file_that_cannot_be_written_is_refused():
         pytest.skip("no /proc here")
     assert "nothing can be written there" in refused(*COMMANDS["uplink"](Path("/proc/none/terms.tbl")))
     assert not Path("/proc/version").stat().st_mode & stat.S_IWUSR
+
+
+def test_a_pipe_that_nobody_reads_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    words = ["review", "comment", "text", "--by", "A", "--journal", str(tmp_path / "pipe")]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == EXIT_INPUT
+    assert "nothing can be written there" in done.output
 
 
 def test_a_path_that_is_fine_is_neither_made_nor_changed(tmp_path):

@@ -11,6 +11,8 @@ import click
 
 from kincal_shared.errors import BadInput
 
+_WRITABLE = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK  # a pipe that nobody reads is no place to write
+
 
 class OutputFile(click.ParamType[Path]):
     """A file to write: its folder is there or can be made, it can be written, its suffix is one of those."""
@@ -30,7 +32,7 @@ class OutputFile(click.ParamType[Path]):
         if path.is_dir():
             raise BadInput("this is a directory, a file is to be written", str(path), "add a file name")
         if path.exists():
-            _try(path, lambda: path.open("ab").close())
+            _try(path, lambda: os.close(os.open(path, _WRITABLE)))
         else:
             _check_folder(path.parent, path)
         return path
