@@ -213,6 +213,17 @@ def test_an_attempt_ends_with_a_line_of_the_same_command_correction_and_key():
     assert journal.unfinished([*attempts, entry("seen"), entry("refused", command="START")]) == attempts
 
 
+def test_of_attempts_alike_the_one_that_was_killed_stays_open():
+    killed, again, other = (
+        replace(entry("attempt", command="TABLE_ACTIVATE"), time=f"2026-01-0{k}T00:00:00+00:00", why=why)
+        for k, why in ((1, "w"), (2, "w"), (3, "other"))
+    )
+    assert journal.unfinished([killed, again, entry("table_activate")]) == [killed]
+    assert journal.unfinished([killed, again, other, entry("table_activate")]) == [killed, other]
+    refused = replace(entry("refused", command="TABLE_ACTIVATE"), why="flight says no")
+    assert journal.unfinished([killed, again, refused]) == [killed]
+
+
 def test_a_note_of_the_end_needs_eight_digits(tmp_path, signer):
     path = tmp_path / "j"
     for why in ("one", "two"):

@@ -204,15 +204,17 @@ def append(path: Path, entry: Entry, signer: Signer) -> Entry:
 
 def unfinished(entries: Sequence[Entry]) -> list[Entry]:
     """Attempts without a line that says what came of them: the program ended in between. What flight made of
-    them, its state and its log say."""
+    them, its state and its log say. Of several alike, a line ends the newest with its name and reason: a
+    program that was killed does not write any more."""
     waiting: list[Entry] = []
     for entry in entries:
         if entry.decision == ATTEMPT:
             waiting.append(entry)
             continue
         ends = [a for a in waiting if (a.crc, a.key_id) == (entry.crc, entry.key_id) and _ends(a, entry)]
+        alike = [a for a in ends if (a.by, a.why) == (entry.by, entry.why)]
         if ends:
-            waiting.remove(ends[0])
+            waiting.remove((alike or ends)[-1])
     return waiting
 
 
