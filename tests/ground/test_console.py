@@ -409,6 +409,8 @@ def test_a_recording_shows_each_moment_and_takes_no_command(geometry, tmp_path):
             now = json.loads(ws.receive_text())
             assert len(now["values"]["poses"]["data"]) == poses and now["values"]["inbox"]["data"] == []
     assert post(client, "/api/abort").status_code == 409
+    refused = client.get(f"/api/review/{CRC:08x}", headers=GOOD)
+    assert refused.status_code == 409 and "kincal review show LOG" in refused.json()["text"]
 
 
 def test_a_file_without_messages_is_no_recording(tmp_path):

@@ -44,6 +44,9 @@ EVERY_S = 0.15  # between two looks for changes
 BEAT_S = 1.0  # longest silence: a browser that hears nothing for three of them has lost the link
 _PAGE_ROWS = 2_000
 _DIGITS = 15  # of a number in a request
+_OF_A_RECORDING = (
+    "a recording has no review here; `kincal review show LOG --crc CRC` shows it and writes its page"
+)
 _ABORTS = 8  # ABORTs at once, each with a thread of its own
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 Plain = dict[str, Any]
@@ -86,7 +89,11 @@ def make_app(console: Console, access: Access) -> ASGIApp:
         *(_space_routes(console.spaces) if console.spaces else ()),
     ]
     return Guard(
-        Starlette(routes=routes, exception_handlers={KincalError: _refused, OSError: _medium}), access
+        Starlette(
+            routes=routes,
+            exception_handlers={KincalError: _refused, OSError: _medium, HTTPException: _not_asked_so},
+        ),
+        access,
     )
 
 
@@ -151,6 +158,12 @@ def _finite(value: Any) -> Any:
 async def _refused(_request: Request, error: Exception) -> Response:
     """An error of the library: what, where and what to do."""
     return JSONResponse({"ok": False, "text": str(error)}, 409)
+
+
+async def _not_asked_so(_request: Request, error: Exception) -> Response:
+    """A request that the server cannot read: as JSON too, because the pages show its text."""
+    assert isinstance(error, HTTPException)
+    return JSONResponse({"ok": False, "text": error.detail}, error.status_code)
 
 
 def _frame(console: Console) -> Callable[[Request], Awaitable[Response]]:
@@ -291,7 +304,7 @@ def _desk_routes(console: Console) -> list[Route]:
     def read(what: Callable[[Desk, Request], Any]) -> Callable[[Request], Any]:
         def answer(request: Request) -> Any:
             if console.desk is None:
-                raise HTTPException(409, "a recording")
+                raise HTTPException(409, _OF_A_RECORDING)
             if console.shelf is not None:
                 console.shelf.adopt()
             return what(console.desk, request)
