@@ -32,6 +32,7 @@ void kc_update_start(kc_latest_t *latest, kc_est_t *est, kc_arena_calibration_t 
     take_candidates(work, &a->space);
     est->arm = &a->arm;
     est->terms = &a->terms;
+    est->camera = &a->camera;
     est->opt = a->config.est;
     est->opt.free_mask = free_mask;
     est->hold_none = 0u;

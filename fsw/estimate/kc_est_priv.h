@@ -16,6 +16,7 @@
 typedef enum {
     KC_EST_PASS_NONE,    /* nothing: what the phase needs is there */
     KC_EST_PASS_FOLD,    /* job.sums, and R and z of the data, at job.at */
+    KC_EST_PASS_CHAIN,   /* sums of est->chain; R of data and priors is there */
     KC_EST_PASS_OUTLIER, /* job.worst, job.p_worst, job.n_tested; R of data and priors is there */
     KC_EST_PASS_QP       /* the QP */
 } kc_est_pass_t;
@@ -65,6 +66,17 @@ void kc_est_trial(kc_est_t *est);
 kc_est_step_t kc_est_compare(kc_est_t *est, double trial_cost);
 /* Largest scaled projected gradient at est->coef by R and z; marks active bounds in status. */
 double kc_est_kkt(kc_est_t *est, double cost);
+
+/* -- kc_est_chain.c: errors of the camera chain, while outliers are looked for (METHOD.md 6.1) -- */
+
+/* Add observation i to the sums, which begin with zeros; then the end, once. */
+void kc_est_chain_add(kc_est_t *est, uint32_t i);
+void kc_est_chain_end(kc_est_t *est);
+/* What those errors take off the chi-square of the fit. */
+double kc_est_chain_explains(const kc_est_t *est);
+/* Of observation i: whitened residual w and the lower triangle S of its covariance after the fit of the coefficients
+ * become those after a fit of the errors too. T = R^-T J' of it, column after column. */
+void kc_est_chain_correct(const kc_est_t *est, uint32_t i, const double *T, double w[6], double S[36]);
 
 /* -- kc_outlier.c -- */
 

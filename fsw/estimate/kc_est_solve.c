@@ -1,5 +1,8 @@
 /* A solution in parts. A phase is what is computed at once when the pass over the observations before it (and
  * the QP) is over; each names the next pass and the next phase. */
+#include <string.h>
+
+#include "kc_camera.h"
 #include "kc_est_priv.h"
 #include "kc_libm.h"
 
@@ -17,6 +20,7 @@ typedef enum {
     ALL_RANKED, /* R of all requested at the solution */
     OWN_RANKED, /* R of those estimated there: does the decision still stand? */
     WEIGHED, /* R: the test of outliers begins */
+    CHAINED, /* sums: what the camera chain explains */
     TESTED, /* the worst inlier is known */
     REPORTED, /* sums: chi2, RMS */
     CHECKED, /* R: KKT residual */
@@ -182,6 +186,17 @@ static void weighed(kc_est_t *est)
     job->worst = est->n_obs;
     job->p_worst = 1.0;
     job->n_tested = 0u;
+    if (est->camera != NULL) {
+        memset(&est->chain, 0, sizeof est->chain);
+        pass_to(est, CHAINED, KC_EST_PASS_CHAIN, est->coef);
+    } else {
+        pass_to(est, TESTED, KC_EST_PASS_OUTLIER, est->coef);
+    }
+}
+
+static void chained(kc_est_t *est)
+{
+    kc_est_chain_end(est);
     pass_to(est, TESTED, KC_EST_PASS_OUTLIER, est->coef);
 }
 
@@ -255,6 +270,7 @@ static void advance(kc_est_t *est)
     case ALL_RANKED: all_ranked(est); break;
     case OWN_RANKED: own_ranked(est); break;
     case WEIGHED: weighed(est); break;
+    case CHAINED: chained(est); break;
     case TESTED: tested(est); break;
     case REPORTED: reported(est); break;
     case CHECKED: checked(est); break;
@@ -274,6 +290,7 @@ static uint64_t advance_cost(const kc_est_t *est)
     case WEIGHED:
     case CHECKED:
     case INVERTED: return 20000u + 10u * n * n * n;
+    case CHAINED: return 100000u + 3000u * n + 60u * n * n;
     default: return 5000u + 30u * n * n;
     }
 }
@@ -282,7 +299,10 @@ static uint64_t advance_cost(const kc_est_t *est)
 static uint64_t observation_cost(const kc_est_t *est)
 {
     const uint64_t n = est->n_free;
-    return kc_model_cost(est->arm, est->terms, est->start, true) + 5000u + 150u * n + 25u * n * n;
+    const bool chain = est->job.pass == (uint8_t)KC_EST_PASS_CHAIN ||
+                       (est->job.pass == (uint8_t)KC_EST_PASS_OUTLIER && est->camera != NULL);
+    return kc_model_cost(est->arm, est->terms, est->start, true) + 5000u + 150u * n + 25u * n * n +
+           (chain ? KC_CAMERA_CHAIN_COST + 40000u + 1000u * n : 0u);
 }
 
 /* The pass over the observations; true when it is over. */
@@ -296,6 +316,8 @@ static bool pass(kc_est_t *est, kc_work_t *work)
         if (!kc_work_take(work, cost)) { return false; }
         if (job->pass == (uint8_t)KC_EST_PASS_FOLD) {
             kc_est_fold(est, job->i);
+        } else if (job->pass == (uint8_t)KC_EST_PASS_CHAIN) {
+            kc_est_chain_add(est, job->i);
         } else {
             kc_est_outlier_test(est, job->i);
         }

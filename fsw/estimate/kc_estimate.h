@@ -21,8 +21,10 @@
 #ifndef KC_ESTIMATE_H
 #define KC_ESTIMATE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
+#include "kc_camera.h"
 #include "kc_limits.h"
 #include "kc_model.h"
 #include "kc_qp.h"
@@ -72,11 +74,21 @@ typedef struct {
     double lambda, cost, largest, p_worst;
 } kc_est_job_t;
 
+/* What the poses say of the errors of the camera chain (kc_camera_chain), beside the coefficients of the fit: of
+ * that, residuals are no outliers (kc_est_chain.c). */
+typedef struct {
+    double U[KC_CHAIN_COUNT / 6u][6u * KC_COEF_MAX]; /* J'H, then R^-T J'H; six errors side by side */
+    double L[KC_CHAIN_COUNT * KC_CHAIN_COUNT]; /* H'H, then the Cholesky factor of I + H'H - U'U */
+    double b[KC_CHAIN_COUNT]; /* H'r, then L^-1 of it */
+    bool known; /* there is such a factor */
+} kc_est_chain_t;
+
 /* Caller owns it (static); about 160 KiB with work space. */
 typedef struct {
     /* in */
     const kc_arm_t *arm;
     const kc_terms_t *terms;
+    const kc_camera_t *camera; /* the errors that it states explain residuals; NULL: it is exact */
     kc_est_opt_t opt;
     uint32_t n_obs;
     /* hold_none: every requested coefficient is estimated; the weak prior decides what the data do not
@@ -113,6 +125,7 @@ typedef struct {
         double cov[KC_COEF_MAX * KC_COEF_MAX]; /* out: row-major, ld KC_COEF_MAX; zero rows and
                                                   columns where not estimated or at a bound */
         kc_qp_t qp; /* work: only while solving */
+        kc_est_chain_t chain; /* work: only while outliers are looked for */
     };
     /* work */
     kc_est_job_t job;

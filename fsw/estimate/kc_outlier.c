@@ -10,14 +10,15 @@
 #define LEVERAGE_LEFT 1e-2
 
 /* Squared deleted residual d2 = w' (I - T'T)^-1 w of observation i, w whitened residual and T = R^-T J',
- * (I - T'T being the covariance of w after the fit). Returns rows, 0 for a pose without a test. */
+ * (I - T'T being the covariance of w after the fit), both less what errors of the camera chain explain. Returns rows, 0
+ * for a pose without a test. */
 static uint32_t deleted_residual(kc_est_t *est, uint32_t i, double *d2)
 {
     const uint32_t n = est->n_idx;
-    double S[36];
+    double S[36] = {0};
     double w[6];
     const uint32_t m = kc_est_block(est, est->coef, i, w);
-    for (uint32_t k = 0; k < m; k++) { w[k] = est->blk[6u * n + k]; }
+    for (uint32_t k = 0; k < 6u; k++) { w[k] = est->blk[6u * n + k]; }
     kc_la_solve_upper_t(est->R, n, KC_EST_LD, est->blk);
     for (uint32_t k = 0; k < m; k++) {
         for (uint32_t l = 0; l <= k; l++) {
@@ -26,6 +27,7 @@ static uint32_t deleted_residual(kc_est_t *est, uint32_t i, double *d2)
             S[k * 6u + l] = s;
         }
     }
+    if (est->camera != NULL) { kc_est_chain_correct(est, i, est->blk, w, S); }
     if (kc_la_chol(S, m, 6u) != KC_OK) { return 0u; }
     for (uint32_t k = 0; k < m; k++) {
         if (S[k * 7u] * S[k * 7u] < LEVERAGE_LEFT) { return 0u; }
@@ -52,7 +54,8 @@ void kc_est_outlier_test(kc_est_t *est, uint32_t i)
     const uint32_t m = deleted_residual(est, i, &d2);
     if (m == 0u || rows <= est->n_idx + m) { return; }
     job->n_tested++;
-    const double p = probability(d2, m, job->sums.chi2, rows - est->n_idx);
+    const double explained = est->camera != NULL ? kc_est_chain_explains(est) : 0.0;
+    const double p = probability(d2, m, job->sums.chi2 - explained, rows - est->n_idx);
     if (job->worst == est->n_obs || p < job->p_worst) {
         job->worst = i;
         job->p_worst = p;

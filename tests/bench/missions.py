@@ -63,16 +63,13 @@ def names(scenario: str) -> tuple[str, ...]:
 
 
 @cache
-def tables_of(scenario: str, policy: bool = False, floor: bool = True) -> Path:
-    """Folder with the shipped tables; policy: flight may accept on board; "uplinked": with the effect; floor:
-    with CONFIG's floor of a measurement's sigma."""
-    folder = BUILD / "missions" / f"{os.getpid()}-{scenario == 'uplinked'}-{policy}-{floor}"
+def tables_of(scenario: str, policy: bool = False) -> Path:
+    """Folder with the shipped tables; policy: flight may accept on board; "uplinked": with the effect."""
+    folder = BUILD / "missions" / f"{os.getpid()}-{scenario == 'uplinked'}-{policy}"
     shutil.copytree(TABLES, folder, dirs_exist_ok=True)
-    if policy or not floor:
+    if policy:
         _, config = codec.decode_as("config", (TABLES / "config.tbl").read_bytes())
-        config.accept_on_board = int(policy)
-        if not floor:
-            config.sigma_pos_min_m = config.sigma_rot_min_rad = 1e-9
+        config.accept_on_board = 1
         (folder / "config.tbl").write_bytes(codec.encode("config", config).data)
     if scenario == "uplinked":
         arm, library_ = read_arm("wam"), Library.load()

@@ -98,6 +98,9 @@ class Case:
             self.R[i] = (Rotation.from_rotvec(noise[i, 3:]) * Ri).as_matrix()
             self.p[i] = pi + noise[i, :3]
         self.flight = Flight().observe(self.q, self.R, self.p)
+        for i in range(n):
+            ctx = self.flight.est.obs[i].ctx
+            ctx.pan_rad, ctx.tilt_rad, ctx.t_s = self.pan[i], self.tilt[i], 1000.0 + self.since_s[i]
         assert self.flight.solve() == lib.KC_OK
         self.camera = camera or camera_table()
         self.r = residual(self.flight.x, self.q, self.R, self.p)
@@ -173,6 +176,55 @@ def test_chi_squares_are_those_of_generalised_least_squares(seed):
         assert got_before == pytest.approx(before, rel=1e-3)
         assert got_after == pytest.approx(after, rel=1e-3)
         assert after < 0.99 * (case.r @ case.r)
+
+
+def deleted(case, i):
+    """Squared residual of pose i against a generalised least squares fit of all others, in units of its
+    covariance there, and the chi-square of that fit. Linear at the estimate."""
+    rows = np.arange(len(case.r)) // 6 == i
+    H, J, r = case.H, case.J, case.r
+    C = np.eye(len(r)) + H @ H.T
+    inverse = np.linalg.inv(C[np.ix_(~rows, ~rows)])
+    P = np.linalg.inv(J[~rows].T @ inverse @ J[~rows])
+    x = P @ J[~rows].T @ inverse @ r[~rows]
+    left = r[~rows] - J[~rows] @ x
+    gain = C[np.ix_(rows, ~rows)] @ inverse
+    J_i = J[rows] - gain @ J[~rows]
+    off = r[rows] - J[rows] @ x - gain @ left
+    cov = C[np.ix_(rows, rows)] - gain @ C[np.ix_(~rows, rows)] + J_i @ P @ J_i.T
+    return off @ np.linalg.solve(cov, off), left @ inverse @ left
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_residual_that_an_error_of_the_chain_explains_is_no_outlier(seed):
+    """Each pose against all others, all errors of the chain estimated with the coefficients."""
+    case = Case(40 + seed, hidden_sigmas=2.0)
+    est = case.flight.est
+    est.opt.outlier_p, est.opt.outlier_max = 1e-300, 1  # tested, none rejected
+    assert case.flight.solve() == lib.KC_OK
+    exact_camera = est.job.p_worst
+    est.camera = case.camera
+    assert case.flight.solve() == lib.KC_OK and est.n_outliers == 0 and est.job.n_tested == len(case.q)
+    n = len(case.q)
+    dof = 6 * n - N - 6
+    judged = [deleted(case, i) for i in range(n)]
+    p = [chi2.sf(d2 / max(1.0, others / dof), 6) for d2, others in judged]
+    assert est.job.worst == np.argmin(p)
+    assert np.log(est.job.p_worst) == pytest.approx(np.log(min(p)), rel=0.02)
+    assert est.job.p_worst > exact_camera
+
+
+def test_an_outlier_is_found_beside_errors_of_the_chain():
+    """For which good poses are rejected where the camera is taken to be exact."""
+    case = Case(7, hidden_sigmas=2.0)
+    est = case.flight.est
+    est.opt.outlier_p, est.opt.outlier_max = 1e-3, 4
+    assert case.flight.solve() == lib.KC_OK and est.n_outliers > 0
+    est.camera = case.camera
+    assert case.flight.solve() == lib.KC_OK and est.n_outliers == 0
+    est.obs[11].p_m[2] += 0.01
+    assert case.flight.solve() == lib.KC_OK
+    assert est.n_outliers == 1 and est.outlier[11] == 1
 
 
 @pytest.mark.parametrize("camera_frame", [False, True])

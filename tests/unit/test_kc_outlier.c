@@ -11,6 +11,7 @@
 static kc_arm_t s_arm;
 static kc_terms_t s_terms;
 static kc_est_t s_est;
+static kc_camera_t s_camera;
 static double s_truth[KC_COEF_MAX];
 
 void setUp(void);
@@ -152,6 +153,70 @@ static void given_one_leading_pose(uint32_t axis, double part)
         for (uint32_t k = 0u; k < 6u; k++) { s_est.obs[i].cov[7u * k] = k == axis ? 1e-3 : 1e9; }
     }
     s_est.obs[2].cov[7u * axis] = 1e-3 * part / (4.0 * (1.0 - part));
+}
+
+/* Five poses one second apart, known to 1 mm along each axis, and one coefficient that moves the arm along x, with a
+ * camera whose chain is exact. */
+static void given_poses_of_an_exact_camera(void)
+{
+    given_one_leading_pose(0u, 0.5);
+    given_camera(&s_camera);
+    s_camera.mast_sigma_m = s_camera.mast_sigma_rad = s_camera.zero_sigma_rad = s_camera.axis_sigma_rad = 0.0;
+    s_camera.plate_sigma_m = s_camera.plate_sigma_rad = s_camera.tag_size_sigma = 0.0;
+    s_camera.drift_sigma_m_s = s_camera.drift_sigma_rad_s = 0.0;
+    s_est.camera = &s_camera;
+    s_est.opt.outlier_p = 1e-300; /* tested, none rejected */
+    for (uint32_t i = 0u; i < 5u; i++) {
+        for (uint32_t k = 0u; k < 3u; k++) { s_est.obs[i].cov[7u * k] = 1e-6; }
+        s_est.obs[i].ctx.t_s = 1000.0 + (double)i;
+    }
+}
+
+/* Of residual and variance, in mm, along one axis: the others are exact. */
+static void assert_worst(double residual_mm, double variance_mm2)
+{
+    const double p = kc_chi2_sf(residual_mm * residual_mm / variance_mm2, 6u);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(5u, s_est.job.n_tested);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 * p, p, s_est.job.p_worst);
+}
+
+/* A shift of the mast moves all poses alike: what is stated, 0.5 mm, and four others know it to 1/(4 + 4) mm^2. */
+void test_a_residual_is_what_the_other_poses_do_not_know_of_the_camera_chain(void)
+{
+    given_poses_of_an_exact_camera();
+    s_est.obs[3].p_m[1] += 0.005;
+    assert_worst(5.0, 1.0); /* y is no coefficient's: nothing of it is fitted */
+    s_camera.mast_sigma_m = 0.0005;
+    assert_worst(5.0, 1.0 + 1.0 / (4.0 + 4.0));
+    s_est.obs[3].p_m[1] -= 0.005;
+    for (uint32_t i = 0u; i < 5u; i++) { s_est.obs[i].p_m[1] += 0.002; }
+    /* the four others expect 4/8 of the 2 mm */
+    assert_worst(1.0, 1.0 + 1.0 / (4.0 + 4.0));
+    /* x is a coefficient's as well: the other four have taken all of it */
+    for (uint32_t i = 0u; i < 5u; i++) {
+        s_est.obs[i].p_m[1] -= 0.002;
+        s_est.obs[i].p_m[0] += 0.002;
+    }
+    assert_worst(0.0, 1.0);
+}
+
+/* A drift of 1 mm/s from the first pose on is seen 4 s after it: by 1, 2 and 3 mm of the others. */
+void test_the_drift_of_the_camera_is_known_by_the_time_of_the_other_poses(void)
+{
+    given_poses_of_an_exact_camera();
+    s_camera.drift_sigma_m_s = 0.001;
+    s_est.obs[4].p_m[2] += 0.008;
+    assert_worst(8.0, 1.0 + 16.0 / (1.0 + 1.0 + 4.0 + 9.0));
+}
+
+/* Of a chain that is stated too large for the digits nothing is taken to be known. */
+void test_a_chain_of_absurd_size_explains_nothing(void)
+{
+    given_poses_of_an_exact_camera();
+    s_camera.mast_sigma_m = 1e200;
+    s_est.obs[3].p_m[1] += 0.005;
+    assert_worst(5.0, 1.0);
 }
 
 /* Below a hundredth it is never an outlier; the four others are tested. */
