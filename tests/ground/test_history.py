@@ -57,6 +57,9 @@ def test_what_was_in_force_and_what_each_correction_said(tmp_path):
     kin = [(x.utc_s - T0, x.crc) for x in found.in_force if x.kind == "KIN"]
     assert kin == [(1, "0000000a"), (4, "0000000b"), (12, "0000000a")]
     assert [c.crc for c in found.corrections] == ["0000000b", "0000000c"]
+    said = [found.what(x) for x in found.in_force if x.kind == "KIN"]
+    assert said[0] == said[2] == history.NO_PROPOSAL and said[1].startswith("correction of session 1")
+    assert {history.decided(x, []) for x in found.in_force} == {history.NOBODY}
     (trend,) = history.trends(found, {IMAGE.crc_text: TERMS})
     assert trend.name == NAMES[0] and trend.upper == TERMS.coef[0].ub
     assert [(p.value, p.active) for p in trend.points] == [(0.02, True), (0.03, False)]

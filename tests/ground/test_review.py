@@ -173,7 +173,8 @@ def see(tmp_path, journal, p=None, by="A. Reviewer"):
 
 
 def test_approval_is_two_commands_bound_to_the_crc_and_recorded(tmp_path, journal):
-    see(tmp_path, journal)
+    shown = see(tmp_path, journal)
+    assert "review arm" in shown and "note in the journal" not in shown  # --by has just noted it
     with FakeFlight(CRC) as flight:
         run = decide(flight, "arm", journal)
         assert run.exit_code == 0, run.output

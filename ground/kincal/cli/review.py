@@ -184,7 +184,8 @@ def review_show(
             _see(found, by, file, key_file, journal, warnings, err=True)
         return
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
-    decide = to_decide(found, about, shlex.quote(str(file)), _keys_option(key_file, file))
+    options = _keys_option(key_file, file)
+    decide = to_decide(found, about, shlex.quote(str(file)), options, seen=by is not None)
     text.show(console(), found, warnings, about, limits, decide, changes, shown.residuals, clearance)
     text.absent(console(), reviews.absent((file,), read))
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))

@@ -50,7 +50,7 @@ def page(
         Section("journal", "What was sent, decided and asked", JOURNAL if entries else NO_LINE,
                 grid=journal_grid(entries)),
     ]  # fmt: skip
-    return Page("History", "Tables of the mission", about, provenance, sections)
+    return Page("History", "Tables in force, corrections, decisions", about, provenance, sections)
 
 
 def _named(trends: Sequence[Trend]) -> int:

@@ -27,6 +27,8 @@ _OVERLAP = 1 << 16  # bytes: the last event of a growing file may be cut
 _MONITOR = ("quiet", "one joint reads wrong", "unexplained residuals")
 # lines of the journal by which the table that they name came in force, in words
 _CHANGING = {APPROVED: "approved", "table_activate": "sent"}
+NO_PROPOSAL = "its proposal is in none of these recordings"
+NOBODY = "not by a command of this journal: a start of flight, or another journal"
 _MONITOR_EVERY_S = 60.0  # at least; every change of its state is kept
 
 
@@ -119,9 +121,11 @@ class History:
             self.monitor.append(now)
 
     def what(self, x: InForce) -> str:
-        """What is known of a table that came in force, in words."""
+        """What is known of a table that came in force, in words; empty of a table that is no correction."""
         made = next((c for c in self.corrections if c.crc == x.crc), None)
-        return f"correction of session {made.session}, {made.verdict}" if made and x.kind == "KIN" else ""
+        if x.kind != "KIN" or not x.crc:
+            return ""
+        return f"correction of session {made.session}, {made.verdict}" if made else NO_PROPOSAL
 
     def monitor_changes(self) -> list[MonitorState]:
         """Where its state changed."""
@@ -186,7 +190,7 @@ def utc(seconds: float) -> str:
 def decided(x: InForce, entries: Iterable[Entry]) -> str:
     """Who put a table in force and why, by the journal."""
     lines = [e for e in entries if e.crc == x.crc and e.decision in _CHANGING]
-    return "; ".join(dict.fromkeys(f"{_CHANGING[e.decision]} by {e.by}: {e.why}" for e in lines))
+    return "; ".join(dict.fromkeys(f"{_CHANGING[e.decision]} by {e.by}: {e.why}" for e in lines)) or NOBODY
 
 
 @dataclass(frozen=True)

@@ -192,8 +192,11 @@ def see_first(crc: int, log: str = "LOG", options: str = "") -> Choice:
     )
 
 
-def to_decide(review: Review, about: Status, log: str = "LOG", options: str = "") -> tuple[Choice, ...]:
+def to_decide(
+    review: Review, about: Status, log: str = "LOG", options: str = "", seen: bool = False
+) -> tuple[Choice, ...]:
     """What can be done about a proposal of a log (its path, as a word of a command); empty if it does not
-    wait."""
+    wait. seen: the journal notes already that the person has seen it."""
     found = choices(review.crc, review.verdict, reasons_to_reject(review), about.armed, options)
-    return (see_first(review.crc, log, options), *found) if about.waits else ()
+    first = () if seen else (see_first(review.crc, log, options),)
+    return (*first, *found) if about.waits else ()

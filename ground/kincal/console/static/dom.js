@@ -14,6 +14,9 @@ export function el(tag, given = {}, ...children) {
   return made;
 }
 
+// Text with commands between backticks, as the dictionary of events has it.
+export const prose = (text) => text.split("`").map((part, k) => (k % 2 ? el("code", {}, part) : part));
+
 export function svg(tag, given = {}, ...children) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [key, value] of Object.entries(given)) made.setAttribute(key, value);

@@ -1,6 +1,6 @@
 // The list of events and acknowledgements, newest first: only the rows in view are elements. Beside it the
 // causes of the chosen one, and what to do.
-import { el, mark, mission, show, utc, utcFull } from "./dom.js";
+import { el, mark, mission, prose, show, utc, utcFull } from "./dom.js";
 import { ask, keep, kept, store } from "./store.js";
 
 const ROW_PX = 24;
@@ -14,7 +14,7 @@ export function eventList() {
   const box = el("input", { type: "checkbox", onchange: (e) => { debug = e.target.checked; keep("debug", debug); drawn = ""; update(); } });
   box.checked = debug;
   const detail = el("div", { class: "detail", tabindex: "0", role: "region", "aria-label": "Chosen event" });
-  const older = el("button", { type: "button", onclick: fetchOlder }, "older");
+  const older = el("button", { type: "button", onclick: fetchOlder }, "earlier events");
   const node = el("section", { class: "events card" },
     el("h2", {}, "Events ", count, el("span", { class: "space" }), older, el("label", {}, box, " debug")), list, detail);
 
@@ -25,7 +25,7 @@ export function eventList() {
     const more = first ? await ask(`rows?before=${first.n}`) : [];
     store.rows.unshift(...more);
     older.disabled = !more.length;
-    older.title = more.length ? "" : "older rows are in the recording only";
+    older.title = more.length ? "" : "earlier ones are in the recording only";
     drawn = "";
     update();
   }
@@ -69,8 +69,8 @@ export function eventList() {
       el("p", { class: "head" }, mark(row.severity), " ", el("b", {}, row.name), ` ${row.severity}, `,
         el("span", { class: "muted" }, `mission ${mission(row.t_us)}, received ${row.received_s > 1e9 ? utcFull(row.received_s) : "with the recording"}`)),
       el("p", {}, row.text),
-      known.cause ? el("p", {}, el("b", {}, "Likely causes: "), known.cause) : null,
-      known.do ? el("p", { class: "todo" }, el("b", {}, "What to do: "), known.do) : null,
+      known.cause ? el("p", {}, el("b", {}, "Likely causes: "), ...prose(known.cause)) : null,
+      known.do ? el("p", { class: "todo" }, el("b", {}, "What to do: "), ...prose(known.do)) : null,
       mine ? el("button", { type: "button", onclick: () => { chosen = null; drawn = ""; update(); } }, "follow the newest") : null);
   }
 
