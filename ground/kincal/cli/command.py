@@ -82,7 +82,11 @@ def command_noop(**given: Unpack[Given]) -> None:
     help=f"How poses are chosen: {', '.join(('table', *ACQUISITIONS[:-1]))} or {ACQUISITIONS[-1]}.",
 )
 @click.option(
-    "--poses", type=click.IntRange(0), default=0, show_default="as CONFIG says", help="Poses to measure."
+    "--poses",
+    type=click.IntRange(0),
+    default=0,
+    show_default="as CONFIG says",
+    help="Poses to measure, besides the local initial poses of SPACE.",
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the random choices.")
 @click.option(

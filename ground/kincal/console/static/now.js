@@ -99,14 +99,14 @@ function state() {
     hk.proposal ? el("p", {}, el("a", { href: `#corrections/${hk.proposal}` }, `Correction ${hk.proposal}`), hk.proposal_verdict ? ` ${hk.proposal_verdict}` : " verdict not known") : null,
     calibrating || hk.poses ? el("div", { class: "progress" },
       el("progress", { max: String(Math.max(hk.poses_goal, 1)), value: String(hk.poses), "aria-label": "poses measured" }),
-      el("span", {}, `${hk.poses} of ${hk.poses_goal} poses${calibrating ? `, candidate ${hk.candidate}, servo step ${hk.servo_steps}` : ""}`)) : null,
+      el("span", { title: "with the local initial poses, which are measured first" }, `${hk.poses} of ${hk.poses_goal} poses${calibrating ? `, candidate ${hk.candidate}, servo step ${hk.servo_steps}` : ""}`)) : null,
     ["IDLE", "SAFE"].includes(hk.state) && store.about.live ? starter() : null);
 }
 
 function starter() {
   return confirmed({
     label: "START a calibration …", path: "start", key: "start", disabled: store.about.why_no_key,
-    text: () => "The arm will move. Poses, seed and coefficients as CONFIG says.", act: "START",
+    text: () => "The arm will move. Poses, seed and coefficients as CONFIG says; the local initial poses of SPACE come first.", act: "START",
   });
 }
 
@@ -212,7 +212,7 @@ function poses(rows) {
     },
   });
   show(parts.poses, el("table", {},
-    el("thead", {}, el("tr", {}, ["pose", "cand.", "res. mm", "mrad", "pred. mm", "rank"].map((t) => el("th", { class: "n" }, t)))),
+    el("thead", {}, el("tr", {}, ["pose", "candidate", "res. mm", "mrad", "pred. mm", "rank"].map((t) => el("th", { class: "n" }, t)))),
     el("tbody", {}, rows.slice().reverse().map((p) => el("tr", {},
       [p.pose, p.candidate, fixed(p.res_mm, 2), fixed(p.res_mrad, 2), fixed(p.pred_mm, 2), `${p.rank}/${p.free}`].map((t) => el("td", { class: "n" }, String(t))))))));
 }
