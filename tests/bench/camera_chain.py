@@ -23,8 +23,8 @@ against the truth of MuJoCo at 100 postures that were not measured, with the cor
 Checked
 - stated: the mean normalised error squared lies in the 95 % band of its expectation (chi-square, runs
   independent).
-- exact, stated, chain_only, three_sigma, drift: no correction became active with a true error beyond 4 times the
-  predicted one, in the frame of CONFIG.
+- exact, stated, chain_only, three_sigma, drift: no correction became active with a true error beyond 4
+  times the predicted one, in the frame of CONFIG.
 Runs are cases of a campaign in FOLDER; a second start continues it. Exit status 1 if a check fails.
 """
 
@@ -146,8 +146,8 @@ def drawn(case: str, rng: np.random.Generator) -> Chain:
 
 
 class Lens:
-    """What CONFIG's floor of a measurement's sigma stands for: an error of the detected pose that all frames at
-    a posture have in common, and that raises the variance of their mean to the floor."""
+    """What CONFIG's floor of a measurement's sigma stands for: an error of the detected pose that all frames
+    at a posture have in common, and that raises the variance of their mean to the floor."""
 
     def __init__(self, seed: int):
         _, self.config = codec.decode_as("config", (TABLES / "config.tbl").read_bytes())

@@ -450,7 +450,8 @@ def _n_tags(m: Any, _: Prismatic) -> str:
 
 
 def _pose(hk: Hk, _: Prismatic) -> str:
-    return f"{hk.n_poses} of {hk.n_poses_goal}" + (", local initial poses included" if hk.n_poses_goal else "")
+    included = ", local initial poses included" if hk.n_poses_goal else ""
+    return f"{hk.n_poses} of {hk.n_poses_goal}{included}"
 
 
 def _yes(x: int) -> str:
