@@ -69,6 +69,7 @@ AXES = {"case": CASES, "scenario": missions.SCENARIOS, "accept": ACCEPT}
 NO_CHANGE, POOR = 0, 2  # proposal_t
 BEYOND = 4.0  # times the predicted error
 DRIFT_S = 400.0
+SAME_POSTURE = 1e-4  # m, rad: an arm at rest moves by some thousandths of a millimetre
 
 
 # ---- what is wrong with the camera ------------------------------------------------------------------------
@@ -156,7 +157,7 @@ class Lens:
 
     def error(self, m, T_cam_tool: np.ndarray) -> np.ndarray:
         """Position [m] and rotation vector [rad] in the camera frame (6,) for a detection there."""
-        if not np.allclose(T_cam_tool, self.at, rtol=0.0, atol=1e-6):
+        if not np.allclose(T_cam_tool, self.at, rtol=0.0, atol=SAME_POSTURE):
             self.at, self.unit = T_cam_tool, self.rng.standard_normal(6)
         c = self.config
         share = (1.0 + (c.frames_per_meas - 1.0) * c.frame_shared) / c.frames_per_meas
