@@ -19,15 +19,20 @@ typedef struct {
     uint8_t has_rot, has_cam;
 } kc_obs_t;
 
-/* Everything one pose gives: about 6 KiB; caller owns it. */
+/* A line in space: both motions of a screw share it. */
+typedef struct {
+    double axis[3];    /* direction, of length 1; 0: no motion */
+    double point_m[3]; /* one of its points */
+} kc_line_t;
+
+/* Everything one pose gives: about 5 KiB; caller owns it. */
 typedef struct {
     kc_pose_t T; /* tool in base, corrected */
-    double twist[KC_FRAME_COUNT * 6u][6];     /* d pose / d component: (dp; dtheta) in
-                                                 the base frame, rotation about the
-                                                 tool point; index frame*6 + comp;
-                                                 camera and meas rows are zero but
-                                                 after kc_model_residual: d(model -
-                                                 measured) then */
+    double measured_m[3]; /* measured tool position, corrected, after kc_model_residual with has_cam */
+    kc_line_t line[KC_FRAME_COUNT]
+                  [3]; /* screws of the twist at a frame, by axis, base frame: kc_model_twist makes
+                                          derivatives of them. Of camera and measurement the axes point the other way:
+                                          d(model - measured) */
     double Jq[KC_JOINT_MAX][6];               /* d pose / d q_j at fixed corrections
                                                  (their slope in q, e.g. an encoder
                                                  gain of 1 %, is left out) */
@@ -51,10 +56,15 @@ void kc_model_needed_loads(const kc_arm_t *arm, const kc_terms_t *terms, const d
 
 /* Corrected pose, joint Jacobian and coefficient Jacobian at fixed loads (the derivative
  * through the loads is second order and left out; Gauss-Newton re-evaluates them).
- * coef: n_coef values (NULL: all zero). want_J = 0 skips twist and J; with coef NULL too, terms may be NULL (here, in
+ * coef: n_coef values (NULL: all zero). want_J = 0 skips lines and J; with coef NULL too, terms may be NULL (here, in
  * kc_model_loads and in kc_model_needed_loads). O(n + n_term). */
 void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                    const kc_loads_t *loads, bool want_J, kc_eval_t *ev);
+
+/* d pose / d component comp of the twist at a frame: (dp; dtheta) in the base frame, rotation about the tool point.
+ * Camera and meas frame: d(model - measured), zero without has_cam and after kc_model_eval. ev: as kc_model_eval with
+ * want_J or kc_model_residual filled it. O(1). */
+void kc_model_twist(const kc_eval_t *ev, uint32_t frame, uint32_t comp, double row[6]);
 
 /* Frames of the bodies of the arm: frame[0] = the tool, frame[j] = what turns (or slides) with joint j, j
  * = 1 .. n_joints, on its axis before d, a and alpha of its link. along_m[j]: how far corrections moved it
@@ -70,7 +80,7 @@ void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double 
  * of the model). Returns rows. */
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_obs_t *obs, const kc_loads_t *loads, double r[6], kc_eval_t *ev);
-/* The same without J and twist. */
+/* The same without J and lines. */
 uint32_t kc_model_miss(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_obs_t *obs,
                        const kc_loads_t *loads, double r[6], kc_eval_t *ev);
 

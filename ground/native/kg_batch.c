@@ -93,7 +93,9 @@ static void put_twist(const kc_eval_t *ev, uint32_t rows, uint32_t n_joints, dou
     for (uint32_t f = 0u; f < KG_FRAMES(n_joints); f++) {
         const uint32_t frame = f <= n_joints ? f : KC_FRAME_TOOL + (f - n_joints - 1u);
         for (uint32_t k = 0u; k < 6u; k++) {
-            memcpy(&twist[(6u * f + k) * rows], ev->twist[6u * frame + k], rows * sizeof(double));
+            double row[6];
+            kc_model_twist(ev, frame, k, row);
+            memcpy(&twist[(6u * f + k) * rows], row, rows * sizeof(double));
         }
     }
 }
