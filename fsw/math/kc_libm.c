@@ -4,31 +4,6 @@
 
 double kc_musl_lgamma_r(double x, int *sign); /* musl's; *sign: that of gamma(x) */
 
-int kc_musl_rem_pio2(double x, double *y);  /* musl's: quadrant, and y[0] + y[1] in it */
-double kc_musl_sin_kernel(double x, double y, int has_y); /* of x + y, up to pi/4 */
-double kc_musl_cos_kernel(double x, double y);
-
-/* Where musl's sine and cosine begin to reduce their argument: pi/4 in single precision. */
-#define REDUCED_FROM 0.7853984832763671875
-
-/* Both from their kernels, a quarter turn apart: what a quadrant names. */
-static void by_quadrant(uint32_t quadrant, double s, double c, double *sine, double *cosine)
-{
-    const double at[4] = {s, c, -s, -c};
-    *sine = at[quadrant & 3u];
-    *cosine = at[(quadrant + 1u) & 3u];
-}
-
-/* By musl's own functions: at the borders of a quadrant, at 0, and for NaN. */
-static void sincos_at_border(double x, double *sine, double *cosine)
-{
-    double y[2] = {x, 0.0};
-    const bool reduce = !(kc_fabs(x) < REDUCED_FROM); /* NaN too */
-    const uint32_t quadrant = reduce ? (uint32_t)kc_musl_rem_pio2(x, y) : 0u;
-    by_quadrant(quadrant, kc_musl_sin_kernel(y[0], y[1], reduce ? 1 : 0), kc_musl_cos_kernel(y[0], y[1]),
-                sine, cosine);
-}
-
 /* What follows are the numbers and steps of musl's __rem_pio2.c, __sin.c and __cos.c, which come from FreeBSD:
  * Copyright (C) 1993 by Sun Microsystems, Inc. All rights reserved. Developed at SunSoft, a Sun Microsystems, Inc.
  * business. Permission to use, copy, modify, and distribute this software is freely granted, provided that this notice
@@ -52,8 +27,9 @@ void kc_sincos(double x, double *sine, double *cosine)
     const double r = angle - quarters * QUARTER, rest = quarters * QUARTER_REST;
     const double a = r - rest, b = r - a - rest; /* a + b: the angle in its quadrant */
     const double size = kc_fabs(a);
-    if (!(size < INSIDE_RAD && size > INSIDE_PART * kc_fabs(angle))) {
-        sincos_at_border(angle, sine, cosine);
+    if (!(size < INSIDE_RAD && size > INSIDE_PART * kc_fabs(angle))) { /* at a border, 0, or NaN */
+        *cosine = kc_musl_cos(angle);
+        *sine = kc_musl_sin(angle + 0.0); /* no -0 */
         return;
     }
     const double z = a * a, w = z * z, v = z * a;
@@ -71,7 +47,9 @@ void kc_sincos(double x, double *sine, double *cosine)
     const int32_t quadrant = (int32_t)quarters; /* within +-636620 */
     const double s = a + change[quadrant == 0 ? 1u : 0u];
     const double c = most + (1.0 - most - half + (z * cp - a * b));
-    by_quadrant((uint32_t)quadrant, s, c, sine, cosine);
+    const double turned[4] = {s, c, -s, -c}; /* sines of quadrants; a cosine is the sine of the next one */
+    *sine = turned[(uint32_t)quadrant & 3u];
+    *cosine = turned[((uint32_t)quadrant + 1u) & 3u];
 }
 
 double kc_lgamma(double x)
