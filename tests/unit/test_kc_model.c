@@ -508,6 +508,101 @@ void test_the_joint_rows_are_those_of_differences(void)
     }
 }
 
+/* ---- coefficients of many poses ---- */
+
+/* On each component a constant term, and on ten of them two others, constant or not: sums that round otherwise in
+ * another order. */
+static void given_terms_of_every_kind(bool with_loads)
+{
+    static const uint8_t frame[] = {0u, 1u, 2u, 3u, KC_FRAME_TOOL, KC_FRAME_CAMERA, KC_FRAME_MEAS};
+    s_t.n_coef = s_t.n_term = 0u;
+    for (uint32_t k = 0u; k < 42u; k++) {
+        s_coef[k] = k % 5u == 4u ? 0.0 : 0.02 * sin(1.0 + 1.7 * (double)k);
+        add_term(frame[k / 6u], (uint8_t)(k % 6u), KC_VAR_ONE, 0u);
+    }
+    for (uint32_t k = 0u; k < 20u; k++) {
+        s_coef[42u + k] = k % 4u == 3u ? 0.0 : 1e-3 * cos(1.0 + 2.3 * (double)k);
+        const uint8_t var = k % 3u == 0u ? KC_VAR_Q : k % 3u == 1u && with_loads ? KC_VAR_TAU : KC_VAR_ONE;
+        add_term(frame[k % 10u % 7u], (uint8_t)(k % 10u % 6u), var, (uint8_t)(1u + k % 3u)); /* twice */
+    }
+    s_ctx.payload_kg = 1.5;
+}
+
+/* All terms, but those that are constant become functions of a temperature, and are 1 there. */
+static void given_no_term_that_is_constant(kc_terms_t *terms)
+{
+    *terms = s_t;
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        kc_basis_t *basis = terms->term[k].basis;
+        if (basis[0].var == KC_VAR_ONE && k % 7u != 0u) { /* some stay: sums of both kinds */
+            basis[1] = (kc_basis_t){.fn = KC_FN_LIN, .var = KC_VAR_TEMP, .c0 = 20.0, .c1 = 1.0};
+        }
+    }
+    s_ctx.temp_c = 21.0;
+}
+
+static void assert_same_poses(const kc_fixed_t *fixed, const kc_terms_t *terms, const kc_obs_t *obs)
+{
+    static kc_eval_t one, other;
+    kc_loads_t loads, fixed_loads;
+    kc_pose_t frame[2][KC_JOINT_MAX + 1u];
+    double r[2][6], along_m[2][KC_JOINT_MAX + 1u], across_m[2][KC_JOINT_MAX + 1u];
+    kc_model_loads(&s_arm, terms, s_coef, &obs->ctx, &loads);
+    kc_fixed_loads(fixed, &obs->ctx, &fixed_loads);
+    TEST_ASSERT_EQUAL_MEMORY(&loads, &fixed_loads, sizeof loads);
+    (void)kc_model_residual(&s_arm, terms, s_coef, obs, &loads, r[0], &one);
+    (void)kc_fixed_residual(fixed, obs, &loads, r[1], &other);
+    TEST_ASSERT_EQUAL_MEMORY(r[0], r[1], sizeof r[0]);
+    TEST_ASSERT_EQUAL_MEMORY(&one.T, &other.T, sizeof one.T);
+    TEST_ASSERT_EQUAL_MEMORY(one.Jq, other.Jq, s_arm.n_joints * sizeof one.Jq[0]);
+    TEST_ASSERT_EQUAL_MEMORY(one.J, other.J, s_t.n_coef * sizeof one.J[0]);
+    (void)kc_fixed_miss(fixed, obs, &loads, r[1], &other);
+    TEST_ASSERT_EQUAL_MEMORY(r[0], r[1], sizeof r[0]);
+    kc_fixed_eval(fixed, &obs->ctx, &loads, false, &other);
+    TEST_ASSERT_EQUAL_MEMORY(&one.T, &other.T, sizeof one.T);
+    kc_model_frames(&s_arm, terms, s_coef, &obs->ctx, &loads, frame[0], along_m[0], across_m[0]);
+    kc_fixed_frames(fixed, &obs->ctx, &loads, frame[1], along_m[1], across_m[1]);
+    TEST_ASSERT_EQUAL_MEMORY(frame[0], frame[1], (s_arm.n_joints + 1u) * sizeof frame[0][0]);
+    TEST_ASSERT_EQUAL_MEMORY(along_m[0], along_m[1], (s_arm.n_joints + 1u) * sizeof along_m[0][0]);
+    TEST_ASSERT_EQUAL_MEMORY(across_m[0], across_m[1], (s_arm.n_joints + 1u) * sizeof across_m[0][0]);
+}
+
+/* One kc_fixed_t for all poses, against one for each pose of terms that nothing is fixed of. */
+void test_poses_of_fixed_coefficients_have_the_bits_of_each_alone(void)
+{
+    static kc_terms_t varying;
+    static kc_fixed_t fixed;
+    for (uint32_t with_loads = 0u; with_loads < 2u; with_loads++) {
+        given_terms_of_every_kind(with_loads != 0u);
+        given_no_term_that_is_constant(&varying);
+        kc_obs_t obs = given_observation();
+        obs.q_cam_wxyz[0] = 0.8;
+        obs.q_cam_wxyz[1] = 0.6;
+        memset(&fixed, 0x7f, sizeof fixed);
+        kc_model_fix(&s_arm, &s_t, s_coef, &fixed);
+        for (uint32_t k = 0u; k < 8u; k++) {
+            for (uint32_t j = 0u; j < s_arm.n_joints; j++) { obs.ctx.q[j] = sin(3.0 * k + j); }
+            assert_same_poses(&fixed, &varying, &obs);
+        }
+    }
+}
+
+void test_fixed_coefficients_that_no_load_moves_need_none(void)
+{
+    static kc_fixed_t fixed;
+    kc_loads_t work, full;
+    static const kc_loads_t none;
+    given_terms_of_every_kind(false);
+    kc_model_fix(&s_arm, &s_t, s_coef, &fixed);
+    TEST_ASSERT_EQUAL_MEMORY(&none, kc_fixed_needed_loads(&fixed, &s_ctx, &work), sizeof none);
+    given_terms_of_every_kind(true);
+    kc_model_fix(&s_arm, &s_t, s_coef, &fixed);
+    kc_fixed_loads(&fixed, &s_ctx, &full);
+    TEST_ASSERT_EQUAL_PTR(&work, kc_fixed_needed_loads(&fixed, &s_ctx, &work));
+    TEST_ASSERT_EQUAL_MEMORY(&full, &work, sizeof full);
+    TEST_ASSERT_TRUE(full.tau[0] != 0.0 || full.tau[1] != 0.0);
+}
+
 /* Frame i of the corrected arm: the tool of the arm cut off there. */
 static void frame_of(uint32_t i, kc_pose_t *T)
 {
