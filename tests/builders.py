@@ -207,8 +207,15 @@ class PoseModel:
         lib.kc_model_loads(self.arm, self.terms, pointer(c), x, self._loads)
         lib.kc_model_eval(self.arm, self.terms, pointer(c), x, self._loads, int(want_J), ev)
         J = view(ev.J, int(self.terms.n_coef), 6).copy() if want_J else None
-        twist = view(ev.twist, lib.KC_FRAME_COUNT, 6, 6).copy() if want_J else None
+        twist = self._twist() if want_J else None
         return Eval(pose_of(ev.T), view(ev.Jq, self.arm.n_joints, 6).copy(), J, twist)
+
+    def _twist(self) -> np.ndarray:
+        """kc_model_twist of every component at every frame."""
+        out = np.zeros((lib.KC_FRAME_COUNT, 6, 6))
+        for frame, comp in np.ndindex(out.shape[:2]):
+            lib.kc_model_twist(self._eval, frame, comp, pointer(out[frame, comp]))
+        return out
 
     def residual(self, obs: Any, coef: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """kc_model_residual: r (6 or 3) and J (n_coef, same) with r(coef + x) ~ r - J' x."""

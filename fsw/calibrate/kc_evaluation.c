@@ -18,28 +18,41 @@ static bool in_camera(const kc_view_t *view)
 /* From the first pose, when the camera's drift is taken to begin, to a pose. */
 static double since_s(const kc_est_t *est, uint32_t i) { return est->obs[i].ctx.t_s - est->obs[0].ctx.t_s; }
 
-/* Residual of observation i with the estimate, and the model there. */
-static void with_estimate(const kc_est_t *est, const kc_obs_t *obs, double r[6], kc_eval_t *eval)
+/* The model with the table in force, and with what was estimated. */
+typedef struct {
+    kc_fixed_t before, after;
+} models_t;
+
+/* The first time, once there is work for them. */
+static void fix_models(const kc_view_t *view, const double *after, models_t *models)
 {
-    kc_loads_t loads;
-    kc_model_needed_loads(est->arm, est->terms, est->coef, &obs->ctx, &loads);
-    (void)kc_model_residual(est->arm, est->terms, est->coef, obs, &loads, r, eval);
+    const kc_active_t *a = view->tables;
+    if (models->after.arm != NULL) { return; }
+    kc_model_fix(&a->arm, &a->terms, a->kin.value, &models->before);
+    kc_model_fix(view->est->arm, view->est->terms, after, &models->after);
+}
+
+/* Residual of an observation with the estimate, and the model there. */
+static void with_estimate(const kc_fixed_t *fixed, const kc_obs_t *obs, double r[6], kc_eval_t *eval)
+{
+    kc_loads_t work;
+    (void)kc_fixed_residual(fixed, obs, kc_fixed_needed_loads(fixed, &obs->ctx, &work), r, eval);
 }
 
 static void add_observation(kc_evaluated_t *evaluated, kc_consider_t *chain, const kc_view_t *view,
-                            uint32_t i)
+                            const models_t *models, uint32_t i)
 {
     const kc_obs_t *obs = &view->est->obs[i];
     double W[36], before[6], after[6], H[KC_CHAIN_COUNT][6];
     kc_pose_t seen;
     kc_eval_t eval;
-    kc_observation_residual(view->tables, view->tables->kin.value, obs, before, NULL);
+    kc_observation_residual(&models->before, obs, before, NULL);
     evaluated->pos2 += kc_v3_dot(before, before);
     evaluated->rot2 += kc_v3_dot(&before[3], &before[3]);
     evaluated->n++;
     (void)kc_la_whiten(obs->cov, 6u, W); /* kc_est_add has checked it */
     kc_la_whiten_apply(W, before, before);
-    with_estimate(view->est, obs, after, &eval);
+    with_estimate(&models->after, obs, after, &eval);
     kc_la_whiten_apply(W, after, after);
     for (uint32_t k = 0u; k < 6u; k++) {
         evaluated->chi2_before += before[k] * before[k];
@@ -60,10 +73,13 @@ static bool sum_observations(kc_evaluated_t *evaluated, kc_consider_t *chain, co
                                         false) +
                           kc_model_cost(&view->tables->arm, &view->tables->terms, view->est->coef, true) +
                           KC_CAMERA_CHAIN_COST + kc_consider_add_cost(view->est);
+    models_t models;
+    models.after.arm = NULL;
     for (; evaluated->i_obs < view->est->n_obs; evaluated->i_obs++) {
         if (view->est->outlier[evaluated->i_obs]) { continue; }
         if (!kc_work_take(work, cost)) { return false; }
-        add_observation(evaluated, chain, view, evaluated->i_obs);
+        fix_models(view, view->est->coef, &models);
+        add_observation(evaluated, chain, view, &models, evaluated->i_obs);
     }
     return true;
 }
@@ -122,20 +138,19 @@ void kc_evaluation_values(const kc_view_t *view, double *value)
 
 /* One candidate: how far the correction moves the tool there, and what the camera chain does to it. */
 static void add_candidate(kc_evaluated_t *evaluated, kc_evaluation_t *evaluation, const kc_view_t *view,
-                          const double *coef)
+                          const models_t *models)
 {
     const kc_cand_t *cand = &view->tables->space.cand[evaluated->i_cand];
     const kc_consider_t *chain = &evaluation->chain;
     const kc_est_t *e = view->est;
     double d[3], pos2, rot2, H[KC_CHAIN_COUNT][6], move[6][KC_CHAIN_COUNT];
     kc_pose_t before;
-    kc_loads_t loads;
+    kc_loads_t work;
     kc_ctx_t ctx;
     kc_eval_t eval;
-    kc_view_pose(view, view->tables->kin.value, evaluated->i_cand, &before);
+    kc_view_pose(view, &models->before, evaluated->i_cand, &before);
     kc_view_ctx(view, evaluated->i_cand, &ctx);
-    kc_model_needed_loads(e->arm, e->terms, coef, &ctx, &loads);
-    kc_model_eval(e->arm, e->terms, coef, &ctx, &loads, true, &eval);
+    kc_fixed_eval(&models->after, &ctx, kc_fixed_needed_loads(&models->after, &ctx, &work), true, &eval);
     kc_v3_sub(eval.T.p_m, before.p_m, d);
     evaluated->change2 += kc_v3_dot(d, d);
     kc_camera_chain(&view->tables->camera, (double)cand->pan_rad, (double)cand->tilt_rad, &eval.T,
@@ -160,10 +175,13 @@ static bool sum_candidates(kc_evaluated_t *evaluated, kc_evaluation_t *evaluatio
                           3u * kc_consider_pose_cost(view->est) + kc_accuracy_add_cost(view->est);
     uint32_t n = view->tables->space.n_cand, stride = kc_view_stride(view);
     double value[KC_COEF_MAX];
+    models_t models;
+    models.after.arm = NULL;
     kc_evaluation_values(view, value);
     for (; evaluated->i_cand < n; evaluated->i_cand += stride) {
         if (!kc_work_take(work, cost)) { return false; }
-        add_candidate(evaluated, evaluation, view, value);
+        fix_models(view, value, &models);
+        add_candidate(evaluated, evaluation, view, &models);
     }
     return true;
 }

@@ -51,10 +51,10 @@ uint64_t kc_update_start_cost(const kc_view_t *view)
 
 /* ---- objective f (eq. 6) ---- */
 
-static kc_residual_t residual_of(const kc_view_t *view, const double *coef, uint32_t i)
+static kc_residual_t residual_of(const kc_view_t *view, const kc_fixed_t *fixed, uint32_t i)
 {
     double r[6];
-    kc_observation_residual(view->tables, coef, &view->est->obs[i], r, NULL);
+    kc_observation_residual(fixed, &view->est->obs[i], r, NULL);
     return (kc_residual_t){kc_v3_norm(r), kc_v3_norm(&r[3])};
 }
 
@@ -63,9 +63,12 @@ static bool residuals(kc_update_t *cursor, kc_latest_t *latest, const kc_view_t 
                       kc_work_t *work)
 {
     const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, coef, false);
+    kc_fixed_t fixed;
+    fixed.arm = NULL; /* it is made once there is work for it */
     for (; cursor->i < view->plan->n_obs; cursor->i++) {
         if (!kc_work_take(work, cost)) { return false; }
-        kc_residual_t residual = residual_of(view, coef, cursor->i);
+        if (fixed.arm == NULL) { kc_model_fix(&view->tables->arm, &view->tables->terms, coef, &fixed); }
+        kc_residual_t residual = residual_of(view, &fixed, cursor->i);
         latest->dp_m[cursor->i] = residual.pos_m;
         latest->dr_rad[cursor->i] = residual.rot_rad;
     }
@@ -135,9 +138,10 @@ static bool solved(kc_latest_t *latest, kc_est_t *est, kc_work_t *work)
 
 static bool predicts_better(const kc_latest_t *latest, const kc_view_t *view, uint32_t newest)
 {
+    kc_fixed_t fixed;
     if (newest == 0u || !kc_fit_solved(latest->status)) { return false; }
-    return kc_fit_predicts_better(&view->tables->config, residual_of(view, view->est->coef, newest),
-                                  latest->res);
+    kc_model_fix(&view->tables->arm, &view->tables->terms, view->est->coef, &fixed);
+    return kc_fit_predicts_better(&view->tables->config, residual_of(view, &fixed, newest), latest->res);
 }
 
 /* What the newest pose says of the estimate before it; a new one begins. */
@@ -334,12 +338,15 @@ static bool predict(kc_update_t *cursor, kc_latest_t *latest, const kc_view_t *v
     const uint64_t cost = kc_est_pose_cov_cost(view->est);
     uint32_t n = view->tables->space.n_cand, stride = kc_view_stride(view);
     double cov[36];
+    kc_fixed_t fixed;
+    fixed.arm = NULL; /* it is made once there is work for it */
     for (; cursor->i < n; cursor->i += stride) {
         kc_ctx_t ctx;
         kc_eval_t eval;
         if (!kc_work_take(work, cost)) { return false; }
+        if (fixed.arm == NULL) { kc_model_fix(view->est->arm, view->est->terms, view->est->coef, &fixed); }
         kc_view_ctx(view, cursor->i, &ctx);
-        kc_est_pose_cov(view->est, &ctx, &eval, cov);
+        kc_est_pose_cov(view->est, &fixed, &ctx, &eval, cov);
         cursor->sum2.pos_m += cov[0] + cov[7] + cov[14];
         cursor->sum2.rot_rad += cov[21] + cov[28] + cov[35];
     }

@@ -60,13 +60,11 @@ void kc_observation(const kc_camera_t *camera, const kc_detection_t *det, const 
     fill_ctx(camera, det, at, &obs->ctx);
 }
 
-void kc_observation_residual(const kc_active_t *tables, const double *coef, const kc_obs_t *obs, double r[6],
-                             kc_pose_t *predicted)
+void kc_observation_residual(const kc_fixed_t *fixed, const kc_obs_t *obs, double r[6], kc_pose_t *predicted)
 {
-    kc_loads_t loads;
+    kc_loads_t work;
     kc_eval_t eval;
-    kc_model_needed_loads(&tables->arm, &tables->terms, coef, &obs->ctx, &loads);
-    (void)kc_model_miss(&tables->arm, &tables->terms, coef, obs, &loads, r, &eval);
+    (void)kc_fixed_miss(fixed, obs, kc_fixed_needed_loads(fixed, &obs->ctx, &work), r, &eval);
     if (predicted != NULL) { *predicted = eval.T; }
 }
 
@@ -88,13 +86,13 @@ bool kc_observation_is_flipped(const kc_config_t *config, double rms_px, double 
            angle_alt_rad <= config->flip_trust_rad;
 }
 
-static double angle_to_prediction(const kc_active_t *tables, const double *coef, const kc_posture_t *at,
+static double angle_to_prediction(const kc_camera_t *camera, const kc_fixed_t *fixed, const kc_posture_t *at,
                                   const kc_detection_t *det)
 {
     kc_obs_t obs;
     double r[6];
-    kc_observation(&tables->camera, det, at, &obs);
-    kc_observation_residual(tables, coef, &obs, r, NULL);
+    kc_observation(camera, det, at, &obs);
+    kc_observation_residual(fixed, &obs, r, NULL);
     return kc_v3_norm(&r[3]);
 }
 
@@ -102,10 +100,12 @@ void kc_observation_unflip(const kc_active_t *tables, const double *coef, const 
                            kc_detection_t *det)
 {
     kc_detection_t second = *det;
+    kc_fixed_t fixed;
     if (det->n_tags == 0u) { return; }
     swap_solutions(&second);
-    double angle_rad = angle_to_prediction(tables, coef, at, det);
-    double angle_alt_rad = angle_to_prediction(tables, coef, at, &second);
+    kc_model_fix(&tables->arm, &tables->terms, coef, &fixed);
+    double angle_rad = angle_to_prediction(&tables->camera, &fixed, at, det);
+    double angle_alt_rad = angle_to_prediction(&tables->camera, &fixed, at, &second);
     if (kc_observation_is_flipped(&tables->config, det->rms_px, det->rms_alt_px, angle_rad, angle_alt_rad)) {
         *det = second;
     }

@@ -20,8 +20,7 @@ void kc_observation(const kc_camera_t *camera, const kc_detection_t *det, const 
 
 /* Residual [m, rad] of an observation at any coefficients; predicted (NULL: not wanted) gets the pose of the
  * model. */
-void kc_observation_residual(const kc_active_t *tables, const double *coef, const kc_obs_t *obs, double r[6],
-                             kc_pose_t *predicted);
+void kc_observation_residual(const kc_fixed_t *fixed, const kc_obs_t *obs, double r[6], kc_pose_t *predicted);
 
 /* Whether the second pose of a flat tag is the right one: its reprojection is about as good (rms), and its
  * angle to the prediction is smaller than that of the first one, and small enough for the prediction to be

@@ -71,12 +71,11 @@ static void take_jacobian(const kc_est_t *est, const double W[36], kc_acq_work_t
 static void eval_candidate(const kc_est_t *est, const float *q, kc_acq_work_t *w)
 {
     kc_ctx_t ctx = {0};
-    kc_loads_t loads;
+    kc_loads_t work;
     for (uint32_t i = 0; i < 3u; i++) { ctx.g_m_s2[i] = est->arm->gravity_m_s2[i]; }
     if (est->n_obs > 0u) { ctx = est->obs[est->n_obs - 1u].ctx; }
     for (uint32_t j = 0; j < KC_JOINT_MAX; j++) { ctx.q[j] = (double)q[j]; }
-    kc_model_needed_loads(est->arm, est->terms, est->coef, &ctx, &loads);
-    kc_model_eval(est->arm, est->terms, est->coef, &ctx, &loads, true, &w->eval);
+    kc_fixed_eval(&w->fixed, &ctx, kc_fixed_needed_loads(&w->fixed, &ctx, &work), true, &w->eval);
 }
 
 static void zero(double *A, uint32_t n)
@@ -109,11 +108,11 @@ typedef enum { OVER = 0, INFORM, INVERT, SPREAD, WEIGH, GAIN } phase_t;
 static void inform(const kc_est_t *est, uint32_t i, kc_acq_work_t *w)
 {
     const kc_obs_t *o = &est->obs[i];
-    kc_loads_t loads;
+    kc_loads_t work;
     double W[36];
     double r[6];
-    kc_model_needed_loads(est->arm, est->terms, est->coef, &o->ctx, &loads);
-    const uint32_t m = kc_model_residual(est->arm, est->terms, est->coef, o, &loads, r, &w->eval);
+    const kc_loads_t *loads = kc_fixed_needed_loads(&w->fixed, &o->ctx, &work);
+    const uint32_t m = kc_fixed_residual(&w->fixed, o, loads, r, &w->eval);
     (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has checked it */
     take_jacobian(est, W, w);
     kc_la_rank_update(w->S, w->n, LD, &w->J[0][0]);
@@ -259,6 +258,7 @@ void kc_acq_begin(const kc_acq_ask_t *ask, const kc_est_t *est, kc_acq_work_t *w
     for (uint32_t i = 0; i < 9u; i++) { C[i] = ask->cov[i / 3u * 6u + i % 3u]; }
     (void)kc_la_chol(C, 3u, 3u); /* a leading block of what kc_la_whiten has factored */
     for (uint32_t i = 0; i < 9u; i++) { work->L[i] = C[i]; }
+    kc_model_fix(est->arm, est->terms, est->coef, &work->fixed);
     zero(work->S, work->n);
     for (uint32_t j = 0; j < work->n; j++) { work->S[j * LD + j] = work->prior[j]; }
     work->phase = (uint8_t)INFORM;

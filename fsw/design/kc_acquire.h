@@ -68,6 +68,7 @@ typedef struct {
     double J[KC_COEF_MAX][6]; /* Jacobian of one pose, in those units */
     double prior[KC_COEF_MAX]; /* precision of the prior, in those units */
     uint32_t idx[KC_COEF_MAX], n;
+    kc_fixed_t fixed; /* of the estimate */
     kc_eval_t eval;
     /* where the choice stands between two steps (kc_acquire.c) */
     uint8_t phase; /* 0: over */

@@ -30,7 +30,7 @@ void kc_est_chain_add(kc_est_t *est, uint32_t i)
     kc_est_chain_t *chain = &est->chain;
     const uint32_t n = est->n_idx;
     double h[N][6], raw[6];
-    (void)kc_est_block(est, est->coef, i, raw);
+    (void)kc_est_block(est, i, raw);
     whitened(est, i, h);
     for (uint32_t k = 0u; k < N; k++) {
         chain->b[k] += dot(h[k], &est->blk[6u * n], 6u);

@@ -13,14 +13,14 @@ uint32_t kc_est_list(const kc_est_t *est, uint64_t mask, uint32_t *list)
     return n;
 }
 
-uint32_t kc_est_block(kc_est_t *est, const double *coef, uint32_t i, double raw[6])
+uint32_t kc_est_block(kc_est_t *est, uint32_t i, double raw[6])
 {
     const kc_obs_t *o = &est->obs[i];
     const uint32_t n = est->n_column;
-    kc_loads_t loads;
+    kc_loads_t work;
     double W[36];
-    kc_model_needed_loads(est->arm, est->terms, coef, &o->ctx, &loads);
-    const uint32_t m = kc_model_residual(est->arm, est->terms, coef, o, &loads, raw, &est->eval);
+    const kc_loads_t *loads = kc_fixed_needed_loads(&est->fixed, &o->ctx, &work);
+    const uint32_t m = kc_fixed_residual(&est->fixed, o, loads, raw, &est->eval);
     (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has checked it */
     for (uint32_t j = 0; j < n; j++) {
         kc_la_whiten_apply(W, est->eval.J[est->column[j]], &est->blk[6u * j]);
@@ -66,6 +66,9 @@ void kc_est_pass_begin(kc_est_t *est, kc_est_pass_t pass, const double *coef)
     job->pass = (uint8_t)pass;
     job->i = 0u;
     job->at = coef;
+    if (pass != KC_EST_PASS_NONE && pass != KC_EST_PASS_QP) {
+        kc_model_fix(est->arm, est->terms, coef, &est->fixed);
+    }
     if (pass != KC_EST_PASS_FOLD) { return; }
     job->sums = (kc_est_sums_t){0};
     job->has_prior = false;
@@ -79,7 +82,7 @@ void kc_est_fold(kc_est_t *est, uint32_t i)
 {
     kc_est_sums_t *s = &est->job.sums;
     double r[6];
-    const uint32_t m = kc_est_block(est, est->job.at, i, r);
+    const uint32_t m = kc_est_block(est, i, r);
     s->chi2 += sum_squares(&est->blk[6u * est->n_column], 6u);
     s->rows += m;
     s->n_pos++;

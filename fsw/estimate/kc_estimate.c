@@ -146,12 +146,12 @@ uint64_t kc_est_pose_cov_cost(const kc_est_t *est)
     return kc_model_cost(est->arm, est->terms, est->coef, true) + 4000u + 60u * n + 14u * n * n;
 }
 
-void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36])
+void kc_est_pose_cov(const kc_est_t *est, const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_eval_t *work,
+                     double cov[36])
 {
     kc_loads_t loads;
     uint32_t idx[KC_COEF_MAX], n = 0u;
-    kc_model_needed_loads(est->arm, est->terms, est->coef, ctx, &loads);
-    kc_model_eval(est->arm, est->terms, est->coef, ctx, &loads, true, work);
+    kc_fixed_eval(fixed, ctx, kc_fixed_needed_loads(fixed, ctx, &loads), true, work);
     for (uint32_t c = 0; c < est->terms->n_coef; c++) { /* the others have no covariance */
         if (est->status[c] != (uint8_t)KC_COEF_ESTIMATED) { continue; }
         for (uint32_t k = 0; k < 6u; k++) { work->J[n][k] = work->J[c][k]; } /* only back: n <= c */

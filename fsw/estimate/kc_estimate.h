@@ -129,6 +129,7 @@ typedef struct {
     };
     /* work */
     kc_est_job_t job;
+    kc_fixed_t fixed; /* at job.at, in a pass over observations */
     kc_eval_t eval;
     uint8_t weak; /* the weak prior is in force */
     uint32_t n_idx, n_column; /* coefficients of the fit, and columns of R: place -> coefficient */
@@ -160,8 +161,9 @@ kc_status_t kc_est_solve(kc_est_t *est);
 void kc_est_begin(kc_est_t *est);
 bool kc_est_step(kc_est_t *est, kc_work_t *work);
 
-/* Covariance (6x6, row-major) of the predicted tool pose at ctx with the solved estimate. */
+/* Covariance (6x6, row-major) of the predicted tool pose at ctx with the solved estimate; fixed: of est->coef. */
 uint64_t kc_est_pose_cov_cost(const kc_est_t *est); /* bound of its instructions */
-void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36]);
+void kc_est_pose_cov(const kc_est_t *est, const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_eval_t *work,
+                     double cov[36]);
 
 #endif

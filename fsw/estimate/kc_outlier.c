@@ -17,7 +17,7 @@ static uint32_t deleted_residual(kc_est_t *est, uint32_t i, double *d2)
     const uint32_t n = est->n_idx;
     double S[36] = {0};
     double w[6];
-    const uint32_t m = kc_est_block(est, est->coef, i, w);
+    const uint32_t m = kc_est_block(est, i, w);
     for (uint32_t k = 0; k < 6u; k++) { w[k] = est->blk[6u * n + k]; }
     kc_la_solve_upper_t(est->R, n, KC_EST_LD, est->blk);
     for (uint32_t k = 0; k < m; k++) {

@@ -30,6 +30,7 @@ static inline double kc_max(double a, double b) { return a > b ? a : b; }
 static inline double kc_clamp(double x, double lo, double hi) { return kc_min(kc_max(x, lo), hi); }
 
 static inline bool kc_finite(double x) { return isfinite(x); }
+static inline bool kc_is_zero(double x) { return kc_fabs(x) <= 0.0; } /* NaN is not */
 
 /* Angles farther from 0 count as this one, with their sign: an arm has none, neighbouring numbers there are 1e-10
  * rad apart and more, and to reduce them exactly takes many times the instructions of smaller ones. */

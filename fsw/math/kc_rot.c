@@ -15,7 +15,7 @@ void kc_pose_identity(kc_pose_t *T)
 
 void kc_pose_mul(const kc_pose_t *A, const kc_pose_t *B, kc_pose_t *out)
 {
-    kc_pose_t C = *A;
+    kc_pose_t C;
     kc_m3_mul_v3(A->R, B->p_m, C.p_m);
     kc_v3_add_scaled(C.p_m, 1.0, A->p_m, C.p_m);
     kc_m3_mul(A->R, B->R, C.R);
@@ -24,7 +24,7 @@ void kc_pose_mul(const kc_pose_t *A, const kc_pose_t *B, kc_pose_t *out)
 
 void kc_pose_inv(const kc_pose_t *A, kc_pose_t *out)
 {
-    kc_pose_t C = *A;
+    kc_pose_t C;
     kc_m3t_mul_v3(A->R, A->p_m, C.p_m);
     for (int i = 0; i < 3; i++) {
         C.p_m[i] = -C.p_m[i];
@@ -33,28 +33,14 @@ void kc_pose_inv(const kc_pose_t *A, kc_pose_t *out)
     *out = C;
 }
 
-/* Columns u and v of R turn about the third. */
-static void turn(double R[9], uint32_t u, uint32_t v, double angle_rad)
-{
-    double s, c;
-    kc_sincos(angle_rad, &s, &c);
-    for (uint32_t i = 0u; i < 9u; i += 3u) {
-        const double ru = R[i + u], rv = R[i + v];
-        R[i + u] = c * ru + s * rv;
-        R[i + v] = c * rv - s * ru;
-    }
-}
-
-static bool is_zero(double x) { return x >= 0.0 && x <= 0.0; } /* NaN is not */
-
 void kc_pose_screw(kc_pose_t *T, uint32_t axis, double shift_m, double angle_rad)
 {
-    static const uint8_t after[3] = {1u, 2u, 0u};
-    const uint32_t u = after[axis], v = after[u];
-    if (!is_zero(shift_m)) {
-        for (uint32_t i = 0u; i < 3u; i++) { T->p_m[i] += shift_m * T->R[3u * i + axis]; }
+    if (!kc_is_zero(shift_m)) { kc_pose_shift(T, axis, shift_m); }
+    if (!kc_is_zero(angle_rad)) {
+        double sine, cosine;
+        kc_sincos(angle_rad, &sine, &cosine);
+        kc_pose_turn(T, axis, sine, cosine);
     }
-    if (!is_zero(angle_rad)) { turn(T->R, u, v, angle_rad); }
 }
 
 void kc_pose_from_quat(const double xyz_m[3], const double q_wxyz[4], kc_pose_t *out)

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "kc_status.h"
+#include "kc_vec.h"
 
 typedef struct {
     double p_m[3]; /* origin [m] */
@@ -20,7 +21,18 @@ void kc_pose_identity(kc_pose_t *T);
 void kc_pose_mul(const kc_pose_t *A, const kc_pose_t *B, kc_pose_t *out);
 /* out = A^-1. out may alias A. */
 void kc_pose_inv(const kc_pose_t *A, kc_pose_t *out);
-/* T <- T S, S = screw on T's own axis (0 x, 1 y, 2 z): turn by angle_rad, shift by shift_m. */
+/* T <- T S, S on T's own axis (0 x, 1 y, 2 z): a shift; a turn by the angle of this sine and cosine; or a screw, both. */
+static inline void kc_pose_shift(kc_pose_t *T, uint32_t axis, double shift_m)
+{
+    T->p_m[0] += shift_m * T->R[axis];
+    T->p_m[1] += shift_m * T->R[3u + axis];
+    T->p_m[2] += shift_m * T->R[6u + axis];
+}
+static inline void kc_pose_turn(kc_pose_t *T, uint32_t axis, double sine, double cosine)
+{
+    const uint32_t u = axis < 2u ? axis + 1u : 0u, v = axis > 0u ? axis - 1u : 2u; /* the next two axes */
+    kc_m3_turn(T->R, u, v, sine, cosine);
+}
 void kc_pose_screw(kc_pose_t *T, uint32_t axis, double shift_m, double angle_rad);
 /* Pose from origin and unit quaternion, as tables hold it. */
 void kc_pose_from_quat(const double xyz_m[3], const double q_wxyz[4], kc_pose_t *out);

@@ -7,46 +7,82 @@
 /* What coefficient c is; NULL: all are 0. */
 static double value_of(const double *coef, uint32_t c) { return coef != NULL ? coef[c] : 0.0; }
 
-static bool is_zero(double x) { return x >= 0.0 && x <= 0.0; } /* NaN is not */
-
-/* Twists of all frames: component sums of the correction terms. */
-typedef double twists_t[KC_FRAME_COUNT][6];
+static bool is_constant(const kc_term_t *t)
+{
+    return (t->basis[0].var | t->basis[1].var) == (uint32_t)KC_VAR_ONE; /* which is 0 */
+}
 
 /* A basis that is 1 costs no call. */
 static double term_weight(const kc_term_t *t, const kc_ctx_t *ctx, const kc_loads_t *loads)
 {
     double weight = t->gain;
+    if (is_constant(t)) { return weight; }
     for (uint32_t b = 0u; b < 2u; b++) {
         if (t->basis[b].var != (uint8_t)KC_VAR_ONE) { weight *= kc_basis_eval(&t->basis[b], ctx, loads); }
     }
     return weight;
 }
 
-static bool is_constant(const kc_term_t *t)
-{
-    return t->basis[0].var == (uint8_t)KC_VAR_ONE && t->basis[1].var == (uint8_t)KC_VAR_ONE;
-}
-
 static bool needs_loads(const kc_term_t *t)
 {
-    return kc_basis_needs_loads(&t->basis[0]) || kc_basis_needs_loads(&t->basis[1]);
+    return !is_constant(t) && (kc_basis_needs_loads(&t->basis[0]) || kc_basis_needs_loads(&t->basis[1]));
 }
 
-/* loads NULL: terms that depend on loads count as zero. weight: of every term, NULL: not wanted. */
-static void sum_twists(const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
-                       const kc_loads_t *loads, twists_t tw, double *weight)
+/* Components of the twists to which a term adds that is not constant, as far as its coefficient is not 0. */
+static void find_varying(const kc_terms_t *terms, const double *coef, uint8_t *varies)
 {
-    memset(tw, 0, sizeof(twists_t));
-    if (coef == NULL && weight == NULL) { return; } /* terms may be NULL then */
+    memset(varies, 0, KC_FRAME_COUNT * sizeof *varies);
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
-        const double by = value_of(coef, t->coef);
-        const bool moves = !is_zero(by);
+        if (is_constant(t) || kc_is_zero(value_of(coef, t->coef))) { continue; }
+        varies[t->frame] = (uint8_t)(varies[t->frame] | (1u << t->comp));
+    }
+}
+
+static bool is_in(const uint8_t *varies, const kc_term_t *t)
+{
+    return ((varies[t->frame] >> t->comp) & 1u) != 0u;
+}
+
+/* Constant terms are summed here, once. A component to which another term adds is summed for each pose, in the order of
+ * the terms: another order would round otherwise. */
+static void fix_twists(kc_fixed_t *f)
+{
+    const kc_terms_t *terms = f->terms;
+    memset(&f->tw, 0, sizeof f->tw);
+    memset(f->varies, 0, sizeof f->varies);
+    f->n_varying = 0u;
+    if (terms == NULL) { return; }
+    find_varying(terms, f->coef, f->varies);
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        const kc_term_t *t = &terms->term[k];
+        const double by = value_of(f->coef, t->coef);
+        if (!is_constant(t) || is_in(f->varies, t)) {
+            f->varying[f->n_varying++] = (uint16_t)k;
+        } else if (!kc_is_zero(by)) {
+            f->tw.of[t->frame][t->comp] += by * t->gain;
+        }
+    }
+}
+
+/* Twists of a pose, in own where it has some of its own. loads NULL: terms that depend on loads count as zero. weight: of
+ * the varying terms, by term; NULL: not wanted. */
+static const kc_twists_t *sum_twists(const kc_fixed_t *f, const kc_ctx_t *ctx, const kc_loads_t *loads,
+                                     kc_twists_t *own, double *weight)
+{
+    if (f->n_varying == 0u) { return &f->tw; }
+    *own = f->tw;
+    for (uint32_t i = 0u; i < f->n_varying; i++) {
+        const uint32_t k = f->varying[i];
+        const kc_term_t *t = &f->terms->term[k];
+        const double by = value_of(f->coef, t->coef);
+        const bool moves = !kc_is_zero(by);
         if ((!moves && weight == NULL) || (loads == NULL && needs_loads(t))) { continue; }
         const double w = term_weight(t, ctx, loads);
         if (weight != NULL) { weight[k] = w; }
-        if (moves) { tw[t->frame][t->comp] += by * w; }
+        if (moves) { own->of[t->frame][t->comp] += by * w; }
     }
+    return own;
 }
 
 /* Whether a term depends on loads that has to be right: it moves the arm, or its derivative may be used. */
@@ -55,21 +91,10 @@ static bool loads_count(const kc_terms_t *terms, const double *coef)
     if (terms == NULL) { return false; }
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
-        if (is_constant(t)) { continue; }
-        const bool counts = terms->coef[t->coef].enabled != 0u || !is_zero(value_of(coef, t->coef));
-        if (counts && needs_loads(t)) { return true; }
+        if (!needs_loads(t)) { continue; }
+        if (terms->coef[t->coef].enabled != 0u || !kc_is_zero(value_of(coef, t->coef))) { return true; }
     }
     return false;
-}
-
-void kc_model_needed_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                           const kc_ctx_t *ctx, kc_loads_t *loads)
-{
-    if (loads_count(terms, coef)) {
-        kc_model_loads(arm, terms, coef, ctx, loads);
-    } else {
-        memset(loads, 0, sizeof *loads);
-    }
 }
 
 /* A term that is constant takes a multiplication, another one two functions, and J a row of each. */
@@ -85,51 +110,27 @@ uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, const doubl
     return cost + (loads_count(terms, coef) ? with_loads + 4000u + 1700u * n : 0u);
 }
 
-/* Both motions of a screw share one line, so its direction and a point on it give both derivatives: rows[axis] <-
- * direction, rows[3 + axis] <- point, for finish_rows. rows NULL: not wanted. */
-static void keep_line(const kc_pose_t *T, uint32_t axis, double (*rows)[6])
+static void keep_line(const kc_pose_t *T, uint32_t axis, kc_line_t *line)
 {
-    if (rows == NULL) { return; }
-    kc_m3_col(T->R, axis, rows[axis]);
-    kc_v3_copy(T->p_m, rows[3u + axis]);
+    kc_m3_col(T->R, axis, line->axis);
+    kc_v3_copy(T->p_m, line->point_m);
 }
 
-/* T <- T E, E = Tx Rx Ty Ry Rz Tz: a screw on x, then y, then z. */
-static void apply_twist(kc_pose_t *T, const double tw[6], double (*rows)[6])
+/* T <- T E, E = Tx Rx Ty Ry Rz Tz: a screw on x, then y, then z. line: by axis, NULL: not wanted. */
+static void apply_twist(kc_pose_t *T, const double tw[6], kc_line_t *line)
 {
     for (uint32_t axis = 0u; axis < 3u; axis++) {
-        keep_line(T, axis, rows);
+        if (line != NULL) { keep_line(T, axis, &line[axis]); }
         kc_pose_screw(T, axis, tw[axis], tw[3u + axis]);
     }
 }
 
-/* (dp; dtheta) of a point p that a turn about the line (axis, o) moves. */
-static void turn_row(const double axis[3], const double o[3], const double p[3], double row[6])
+/* How a turn about the line moves p. */
+static inline void moved_by_turn(const kc_line_t *line, const double p[3], double dp[3])
 {
-    double r[3], a[3];
-    kc_v3_sub(p, o, r);
-    kc_v3_copy(axis, a);
-    kc_v3_cross(a, r, row);
-    kc_v3_copy(a, row + 3);
-}
-
-/* Directions and points, as keep_line left them, become derivatives of a pose at p. */
-static void finish_rows(double (*rows)[6], const double p[3], double sign)
-{
-    for (uint32_t axis = 0u; axis < 3u; axis++) {
-        double line[3], r[3], moved[3];
-        for (uint32_t i = 0u; i < 3u; i++) {
-            line[i] = sign * rows[axis][i];
-            r[i] = p[i] - rows[3u + axis][i];
-        }
-        kc_v3_cross(line, r, moved);
-        for (uint32_t i = 0u; i < 3u; i++) {
-            rows[axis][i] = line[i];
-            rows[axis][3u + i] = 0.0;
-            rows[3u + axis][i] = moved[i];
-            rows[3u + axis][3u + i] = line[i];
-        }
-    }
+    double r[3];
+    kc_v3_sub(p, line->point_m, r);
+    kc_v3_cross(line->axis, r, dp);
 }
 
 /* Sum of m_k c_k and m_k beyond a frame, for moments about any point. */
@@ -183,26 +184,25 @@ static void lever_parts(const kc_pose_t *T, const double g[3], uint32_t i, kc_lo
     }
 }
 
-void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
-                    kc_loads_t *loads)
+void kc_fixed_loads(const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_loads_t *loads)
 {
+    const kc_arm_t *arm = fixed->arm;
     const uint32_t n = arm->n_joints;
-    twists_t tw;
-    kc_pose_t frame[KC_JOINT_MAX + 1u], T, tool;
+    kc_twists_t own;
+    kc_pose_t frame[KC_JOINT_MAX + 1u], T;
     beyond_t all = {0.0, {0.0, 0.0, 0.0}}, payload = {0.0, {0.0, 0.0, 0.0}};
 
     memset(loads, 0, sizeof *loads);
-    sum_twists(terms, coef, ctx, NULL, tw, NULL);
-    kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, &T);
+    const kc_twists_t *tw = sum_twists(fixed, ctx, NULL, &own, NULL);
+    T = fixed->base;
     for (uint32_t i = 0u; i <= n; i++) {
         if (i > 0u) { kc_arm_link(&arm->joint[i - 1u], ctx->q[i - 1u], &T); }
-        apply_twist(&T, tw[i], NULL);
+        apply_twist(&T, tw->of[i], NULL);
         frame[i] = T;
         lever_parts(&T, ctx->g_m_s2, i, loads);
     }
-    kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
-    kc_pose_mul(&T, &tool, &T);
-    apply_twist(&T, tw[KC_FRAME_TOOL], NULL);
+    kc_pose_mul(&T, &fixed->tool, &T);
+    apply_twist(&T, tw->of[KC_FRAME_TOOL], NULL);
     kc_v3_copy(T.p_m, loads->origin_m[KC_FRAME_TOOL]);
 
     add_mass(&payload, ctx->payload_kg, T.p_m);
@@ -219,136 +219,280 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
     }
 }
 
-/* Across a joint: T, before the twist about z of the frame it stands on, goes to the x axis of its link. One screw does
- * what twist, joint and offset do on one line. */
-static void joint_screw(const kc_joint_t *joint, double q, const double before[6], kc_pose_t *T)
+/* Bits of a component along and of that about an axis. */
+#define ON_X (1u << KC_TX | 1u << KC_RX)
+#define ON_Y (1u << KC_TY | 1u << KC_RY)
+
+static const kc_joint_t NO_JOINT; /* before frame 0 and after frame n */
+
+static void set_screw(kc_screw_t *s, double shift_m, double angle_rad)
 {
-    const bool turns = joint->type == KC_REVOLUTE;
-    kc_pose_screw(T, 2u, before[2] + joint->d_m + (turns ? 0.0 : q),
-                  before[5] + joint->phi_rad + (turns ? q : 0.0));
+    s->shift_m = shift_m;
+    s->angle_rad = angle_rad;
+    if (!kc_is_zero(angle_rad)) { kc_sincos(angle_rad, &s->sine, &s->cosine); }
 }
 
-/* Along the link and through the twists about x and y of the frame at its end; joint NULL: frame 0 has no link. */
-static void link_screws(const kc_joint_t *joint, const double tw[6], kc_pose_t *T, double (*rows)[6])
+/* One screw does what is on one line: the link before frame i and the twist about its x. */
+static void set_x(const kc_arm_t *arm, uint32_t i, const double tw[6], kc_screw_t *x)
 {
-    keep_line(T, 0u, rows);
-    kc_pose_screw(T, 0u, tw[0] + (joint != NULL ? joint->a_m : 0.0),
-                  tw[3] + (joint != NULL ? joint->alpha_rad : 0.0));
-    keep_line(T, 1u, rows);
-    kc_pose_screw(T, 1u, tw[1], tw[4]);
-    keep_line(T, 2u, rows);
+    const kc_joint_t *before = i > 0u ? &arm->joint[i - 1u] : &NO_JOINT;
+    set_screw(x, tw[0] + before->a_m, tw[3] + before->alpha_rad);
 }
 
-/* Pose of the tool, with twist rows and joint rows still as lines (direction, point). */
-static void walk_chain(const kc_arm_t *arm, const kc_ctx_t *ctx, const twists_t tw, bool want_J,
+static void set_y(const double tw[6], kc_screw_t *y) { set_screw(y, tw[1], tw[4]); }
+
+/* The twist about z of frame i, and the joint after it with its offset. */
+static void set_z(const kc_arm_t *arm, uint32_t i, const double tw[6], const double *q, kc_screw_t *z)
+{
+    const kc_joint_t *after = i < arm->n_joints ? &arm->joint[i] : &NO_JOINT;
+    const double by = i < arm->n_joints ? q[i] : 0.0;
+    const bool turns = after->type == KC_REVOLUTE;
+    set_screw(z, tw[2] + after->d_m + (turns ? 0.0 : by), tw[5] + after->phi_rad + (turns ? by : 0.0));
+}
+
+static inline void apply_screw(const kc_screw_t *s, uint32_t axis, kc_pose_t *T)
+{
+    if (!kc_is_zero(s->shift_m)) { kc_pose_shift(T, axis, s->shift_m); }
+    if (!kc_is_zero(s->angle_rad)) { kc_pose_turn(T, axis, s->sine, s->cosine); }
+}
+
+/* Screws of frame 0 .. n that a pose has for itself. */
+typedef struct {
+    kc_screw_t x[KC_JOINT_MAX + 1u], y[KC_JOINT_MAX + 1u], z[KC_JOINT_MAX + 1u];
+} screws_t;
+
+static void set_links(const kc_fixed_t *f, const kc_twists_t *tw, screws_t *own)
+{
+    for (uint32_t i = 0u; i <= f->arm->n_joints; i++) {
+        if ((f->varies[i] & ON_X) != 0u) { set_x(f->arm, i, tw->of[i], &own->x[i]); }
+        if ((f->varies[i] & ON_Y) != 0u) { set_y(tw->of[i], &own->y[i]); }
+    }
+}
+
+static inline const kc_screw_t *x_of(const kc_fixed_t *f, const screws_t *own, uint32_t i)
+{
+    return (f->varies[i] & ON_X) != 0u ? &own->x[i] : &f->x[i];
+}
+
+static inline const kc_screw_t *y_of(const kc_fixed_t *f, const screws_t *own, uint32_t i)
+{
+    return (f->varies[i] & ON_Y) != 0u ? &own->y[i] : &f->y[i];
+}
+
+/* Along the link before frame i, and the twists about its x and y. */
+static void turn_link(const kc_fixed_t *f, const screws_t *own, uint32_t i, kc_pose_t *T)
+{
+    apply_screw(x_of(f, own, i), 0u, T);
+    apply_screw(y_of(f, own, i), 1u, T);
+}
+
+/* Pose of the tool, and the lines of z of frame 0 .. n; want_J: all lines on the arm. All sines and cosines are worked
+ * out before the walk, where each step waits for the one before: so they overlap. */
+static void walk_chain(const kc_fixed_t *f, const kc_ctx_t *ctx, const kc_twists_t *tw, bool want_J,
                        kc_eval_t *ev)
 {
-    kc_pose_t *T = &ev->T, tool;
-    kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, T);
-    link_screws(NULL, tw[0], T, want_J ? &ev->twist[0] : NULL);
+    const kc_arm_t *arm = f->arm;
+    kc_pose_t T = f->base;
+    screws_t own;
+    set_links(f, tw, &own);
+    for (uint32_t i = 0u; i <= arm->n_joints; i++) { set_z(arm, i, tw->of[i], ctx->q, &own.z[i]); }
+    for (uint32_t i = 0u; i <= arm->n_joints; i++) {
+        kc_line_t *line = ev->line[i];
+        if (want_J) { keep_line(&T, 0u, &line[0]); }
+        apply_screw(x_of(f, &own, i), 0u, &T);
+        if (want_J) { keep_line(&T, 1u, &line[1]); }
+        apply_screw(y_of(f, &own, i), 1u, &T);
+        keep_line(&T, 2u, &line[2]);
+        apply_screw(&own.z[i], 2u, &T);
+    }
+    kc_pose_mul(&T, &f->tool, &ev->T);
+    apply_twist(&ev->T, tw->of[KC_FRAME_TOOL], want_J ? ev->line[KC_FRAME_TOOL] : NULL);
+}
+
+void kc_model_fix(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, kc_fixed_t *fixed)
+{
+    fixed->arm = arm;
+    fixed->terms = terms;
+    fixed->coef = coef;
+    kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, &fixed->base);
+    kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &fixed->tool);
+    fixed->loads_count = loads_count(terms, coef);
+    fix_twists(fixed);
+    for (uint32_t i = 0u; i <= arm->n_joints; i++) {
+        set_x(arm, i, fixed->tw.of[i], &fixed->x[i]);
+        set_y(fixed->tw.of[i], &fixed->y[i]);
+    }
+}
+
+const kc_loads_t *kc_fixed_needed_loads(const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_loads_t *work)
+{
+    static const kc_loads_t none;
+    if (!fixed->loads_count) { return &none; }
+    kc_fixed_loads(fixed, ctx, work);
+    return work;
+}
+
+void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
+                    kc_loads_t *loads)
+{
+    kc_fixed_t f;
+    kc_model_fix(arm, terms, coef, &f);
+    kc_fixed_loads(&f, ctx, loads);
+}
+
+void kc_model_needed_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
+                           const kc_ctx_t *ctx, kc_loads_t *loads)
+{
+    if (loads_count(terms, coef)) {
+        kc_model_loads(arm, terms, coef, ctx, loads);
+    } else {
+        memset(loads, 0, sizeof *loads);
+    }
+}
+
+/* Links and twists about x and y are screws of walk_chain; about z a body stands between twist and offset. */
+void kc_fixed_frames(const kc_fixed_t *fixed, const kc_ctx_t *ctx, const kc_loads_t *loads, kc_pose_t *frame,
+                     double *along_m, double *across_m)
+{
+    const kc_arm_t *arm = fixed->arm;
+    kc_twists_t own;
+    screws_t screws;
+    kc_pose_t T = fixed->base;
+    const kc_twists_t *tw = sum_twists(fixed, ctx, loads, &own, NULL);
+    set_links(fixed, tw, &screws);
+    turn_link(fixed, &screws, 0u, &T);
     for (uint32_t i = 1u; i <= arm->n_joints; i++) {
         const kc_joint_t *joint = &arm->joint[i - 1u];
-        kc_m3_col(T->R, 2u, ev->Jq[i - 1u]);
-        kc_v3_copy(T->p_m, ev->Jq[i - 1u] + 3);
-        joint_screw(joint, ctx->q[i - 1u], tw[i - 1u], T);
-        link_screws(joint, tw[i], T, want_J ? &ev->twist[6u * i] : NULL);
+        const double *before = tw->of[i - 1u], q = ctx->q[i - 1u];
+        const bool slides = joint->type == KC_PRISMATIC;
+        along_m[i] = before[2];
+        across_m[i] = tw->of[i][0];
+        kc_pose_screw(&T, 2u, before[2] + (slides ? q : 0.0),
+                      before[5] + joint->phi_rad + (slides ? 0.0 : q));
+        frame[i] = T;
+        kc_pose_screw(&T, 2u, joint->d_m, 0.0);
+        turn_link(fixed, &screws, i, &T);
     }
-    kc_pose_screw(T, 2u, tw[arm->n_joints][2], tw[arm->n_joints][5]);
-    kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
-    kc_pose_mul(T, &tool, T);
-    apply_twist(T, tw[KC_FRAME_TOOL], want_J ? &ev->twist[6u * KC_FRAME_TOOL] : NULL);
+    kc_pose_screw(&T, 2u, tw->of[arm->n_joints][2], tw->of[arm->n_joints][5]);
+    along_m[0] = 0.0;
+    across_m[0] = 0.0;
+    kc_pose_mul(&T, &fixed->tool, &frame[0]);
+    apply_twist(&frame[0], tw->of[KC_FRAME_TOOL], NULL);
 }
 
 void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                      const kc_loads_t *loads, kc_pose_t *frame, double *along_m, double *across_m)
 {
-    twists_t tw;
-    kc_pose_t T, tool;
-    sum_twists(terms, coef, ctx, loads, tw, NULL);
-    kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, &T);
-    link_screws(NULL, tw[0], &T, NULL);
-    for (uint32_t i = 1u; i <= arm->n_joints; i++) {
-        const kc_joint_t *joint = &arm->joint[i - 1u];
-        const bool slides = joint->type == KC_PRISMATIC;
-        along_m[i] = tw[i - 1u][2];
-        across_m[i] = tw[i][0];
-        kc_pose_screw(&T, 2u, tw[i - 1u][2] + (slides ? ctx->q[i - 1u] : 0.0),
-                      tw[i - 1u][5] + joint->phi_rad + (slides ? 0.0 : ctx->q[i - 1u]));
-        frame[i] = T;
-        kc_pose_screw(&T, 2u, joint->d_m, 0.0);
-        link_screws(joint, tw[i], &T, NULL);
-    }
-    kc_pose_screw(&T, 2u, tw[arm->n_joints][2], tw[arm->n_joints][5]);
-    along_m[0] = 0.0;
-    across_m[0] = 0.0;
-    kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
-    kc_pose_mul(&T, &tool, &frame[0]);
-    apply_twist(&frame[0], tw[KC_FRAME_TOOL], NULL);
+    kc_fixed_t f;
+    kc_model_fix(arm, terms, coef, &f);
+    kc_fixed_frames(&f, ctx, loads, frame, along_m, across_m);
 }
 
-static void finish_joint_rows(const kc_arm_t *arm, kc_eval_t *ev)
+/* A joint moves on the line of z of the frame before it. */
+static void set_joint_rows(const kc_arm_t *arm, kc_eval_t *ev)
 {
     for (uint32_t j = 0u; j < arm->n_joints; j++) {
+        const kc_line_t *line = &ev->line[j][2];
         double *row = ev->Jq[j];
-        double z[3], o[3];
-        kc_v3_copy(row, z);
-        kc_v3_copy(row + 3, o);
         if (arm->joint[j].type == KC_PRISMATIC) {
+            kc_v3_copy(line->axis, row);
             memset(row + 3, 0, 3u * sizeof(double));
         } else {
-            turn_row(z, o, ev->T.p_m, row);
+            moved_by_turn(line, ev->T.p_m, row);
+            kc_v3_copy(line->axis, row + 3);
         }
     }
 }
 
-/* J[c] += weight x twist row, for the terms on the arm or on the camera side. */
+void kc_model_twist(const kc_eval_t *ev, uint32_t frame, uint32_t comp, double row[6])
+{
+    const bool camera_side = frame >= KC_FRAME_CAMERA;
+    memset(row, 0, 6u * sizeof(double));
+    if (camera_side && !ev->has_measured) { return; }
+    if (comp < KC_RX) {
+        kc_v3_copy(ev->line[frame][comp].axis, row);
+    } else {
+        const kc_line_t *line = &ev->line[frame][comp - KC_RX];
+        moved_by_turn(line, camera_side ? ev->measured_m : ev->T.p_m, row);
+        kc_v3_copy(line->axis, row + 3);
+    }
+}
+
+/* J[c] += weight x what the component moves (kc_model_twist), for the terms on the arm or on the camera side. weight: of
+ * terms that are not constant. */
 static void add_coef_rows(const kc_terms_t *terms, const double *weight, bool camera_side, kc_eval_t *ev)
 {
+    const double *p = camera_side ? ev->measured_m : ev->T.p_m;
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
-        const double w = weight[k];
-        if ((t->frame >= KC_FRAME_CAMERA) != camera_side || is_zero(w)) { continue; }
-        const double *row = ev->twist[6u * t->frame + t->comp];
-        for (uint32_t i = 0u; i < 6u; i++) { ev->J[t->coef][i] += w * row[i]; }
+        const double w = is_constant(t) ? t->gain : weight[k];
+        double *row = ev->J[t->coef];
+        if ((t->frame >= KC_FRAME_CAMERA) != camera_side || kc_is_zero(w)) { continue; }
+        if (t->comp < (uint8_t)KC_RX) {
+            kc_v3_add_scaled(row, w, ev->line[t->frame][t->comp].axis, row);
+        } else {
+            const kc_line_t *line = &ev->line[t->frame][t->comp - (uint8_t)KC_RX];
+            double dp[3];
+            moved_by_turn(line, p, dp);
+            kc_v3_add_scaled(row, w, dp, row);
+            kc_v3_add_scaled(row + 3, w, line->axis, row + 3);
+        }
     }
 }
 
 /* With J of the arm's side if weights are given. */
-static void eval_with(const kc_arm_t *arm, const kc_terms_t *terms, const twists_t tw, const kc_ctx_t *ctx,
-                      const double *weight, kc_eval_t *ev)
+static void eval_with(const kc_fixed_t *f, const kc_twists_t *tw, const kc_ctx_t *ctx, const double *weight,
+                      kc_eval_t *ev)
 {
-    walk_chain(arm, ctx, tw, weight != NULL, ev);
-    finish_joint_rows(arm, ev);
+    walk_chain(f, ctx, tw, weight != NULL, ev);
+    set_joint_rows(f->arm, ev);
+    ev->has_measured = false;
     if (weight == NULL) { return; }
-    memset(ev->J, 0, terms->n_coef * sizeof ev->J[0]);
-    for (uint32_t f = 0u; f <= arm->n_joints; f++) { finish_rows(&ev->twist[6u * f], ev->T.p_m, 1.0); }
-    finish_rows(&ev->twist[6u * KC_FRAME_TOOL], ev->T.p_m, 1.0);
-    add_coef_rows(terms, weight, false, ev);
+    memset(ev->J, 0, f->terms->n_coef * sizeof ev->J[0]);
+    add_coef_rows(f->terms, weight, false, ev);
+}
+
+void kc_fixed_eval(const kc_fixed_t *fixed, const kc_ctx_t *ctx, const kc_loads_t *loads, bool want_J,
+                   kc_eval_t *ev)
+{
+    kc_twists_t own;
+    double weight[KC_TERM_MAX];
+    const kc_twists_t *tw = sum_twists(fixed, ctx, loads, &own, want_J ? weight : NULL);
+    eval_with(fixed, tw, ctx, want_J ? weight : NULL, ev);
 }
 
 void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                    const kc_loads_t *loads, bool want_J, kc_eval_t *ev)
 {
-    twists_t tw;
-    double weight[KC_TERM_MAX];
-    sum_twists(terms, coef, ctx, loads, tw, want_J ? weight : NULL);
-    eval_with(arm, terms, tw, ctx, want_J ? weight : NULL, ev);
-    if (want_J) { memset(ev->twist[6u * KC_FRAME_CAMERA], 0, 12u * sizeof ev->twist[0]); }
+    kc_fixed_t f;
+    kc_model_fix(arm, terms, coef, &f);
+    kc_fixed_eval(&f, ctx, loads, want_J, ev);
 }
 
-/* Measured pose with the camera-side corrections, and their twist rows (model - measured; NULL: not wanted). */
-static void correct_measured(const kc_obs_t *obs, const twists_t tw, kc_pose_t *M, double (*rows)[6])
+/* Measured pose with the camera-side corrections. line: those of camera and measurement, NULL: not wanted. */
+static void correct_measured(const kc_obs_t *obs, const kc_twists_t *tw, kc_pose_t *M, kc_line_t (*line)[3])
 {
     kc_pose_t C, measured;
     kc_pose_from_quat(obs->p_cam_m, obs->q_cam_wxyz, &C);
     kc_pose_inv(&C, &measured);
     kc_pose_mul(&measured, M, &measured); /* T_cam_tool as measured */
-    apply_twist(&C, tw[KC_FRAME_CAMERA], rows);
+    apply_twist(&C, tw->of[KC_FRAME_CAMERA], line != NULL ? line[0] : NULL);
     kc_pose_mul(&C, &measured, M);
-    apply_twist(M, tw[KC_FRAME_MEAS], rows != NULL ? &rows[6] : NULL);
-    if (rows == NULL) { return; }
-    finish_rows(rows, M->p_m, -1.0);
-    finish_rows(&rows[6], M->p_m, -1.0);
+    apply_twist(M, tw->of[KC_FRAME_MEAS], line != NULL ? line[1] : NULL);
+}
+
+/* Lines that move what was measured move the residual the other way. */
+static void add_camera_side(const kc_terms_t *terms, const double *weight, const kc_pose_t *M, kc_eval_t *ev)
+{
+    kc_v3_copy(M->p_m, ev->measured_m);
+    ev->has_measured = true;
+    for (uint32_t frame = KC_FRAME_CAMERA; frame <= KC_FRAME_MEAS; frame++) {
+        for (uint32_t axis = 0u; axis < 3u; axis++) {
+            double *along = ev->line[frame][axis].axis;
+            for (uint32_t i = 0u; i < 3u; i++) { along[i] = -along[i]; }
+        }
+    }
+    add_coef_rows(terms, weight, true, ev);
 }
 
 /* The pose that the observation says. */
@@ -370,33 +514,46 @@ static uint32_t difference(const kc_obs_t *obs, const kc_pose_t *M, const kc_eva
     return 3u;
 }
 
+uint32_t kc_fixed_residual(const kc_fixed_t *fixed, const kc_obs_t *obs, const kc_loads_t *loads, double r[6],
+                           kc_eval_t *ev)
+{
+    kc_twists_t own;
+    double weight[KC_TERM_MAX];
+    kc_pose_t M;
+    const kc_twists_t *tw = sum_twists(fixed, &obs->ctx, loads, &own, weight);
+    eval_with(fixed, tw, &obs->ctx, weight, ev);
+    observed(obs, ev, &M);
+    if (obs->has_cam) {
+        correct_measured(obs, tw, &M, &ev->line[KC_FRAME_CAMERA]);
+        add_camera_side(fixed->terms, weight, &M, ev);
+    }
+    return difference(obs, &M, ev, r);
+}
+
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_obs_t *obs, const kc_loads_t *loads, double r[6], kc_eval_t *ev)
 {
-    twists_t tw;
-    double weight[KC_TERM_MAX];
-    double(*rows)[6] = &ev->twist[6u * KC_FRAME_CAMERA];
+    kc_fixed_t f;
+    kc_model_fix(arm, terms, coef, &f);
+    return kc_fixed_residual(&f, obs, loads, r, ev);
+}
+
+uint32_t kc_fixed_miss(const kc_fixed_t *fixed, const kc_obs_t *obs, const kc_loads_t *loads, double r[6],
+                       kc_eval_t *ev)
+{
+    kc_twists_t own;
     kc_pose_t M;
-    sum_twists(terms, coef, &obs->ctx, loads, tw, weight);
-    eval_with(arm, terms, tw, &obs->ctx, weight, ev);
+    const kc_twists_t *tw = sum_twists(fixed, &obs->ctx, loads, &own, NULL);
+    eval_with(fixed, tw, &obs->ctx, NULL, ev);
     observed(obs, ev, &M);
-    if (obs->has_cam) {
-        correct_measured(obs, tw, &M, rows);
-        add_coef_rows(terms, weight, true, ev);
-    } else {
-        memset(rows, 0, 12u * sizeof *rows);
-    }
+    if (obs->has_cam) { correct_measured(obs, tw, &M, NULL); }
     return difference(obs, &M, ev, r);
 }
 
 uint32_t kc_model_miss(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_obs_t *obs,
                        const kc_loads_t *loads, double r[6], kc_eval_t *ev)
 {
-    twists_t tw;
-    kc_pose_t M;
-    sum_twists(terms, coef, &obs->ctx, loads, tw, NULL);
-    eval_with(arm, terms, tw, &obs->ctx, NULL, ev);
-    observed(obs, ev, &M);
-    if (obs->has_cam) { correct_measured(obs, tw, &M, NULL); }
-    return difference(obs, &M, ev, r);
+    kc_fixed_t f;
+    kc_model_fix(arm, terms, coef, &f);
+    return kc_fixed_miss(&f, obs, loads, r, ev);
 }

@@ -19,24 +19,71 @@ typedef struct {
     uint8_t has_rot, has_cam;
 } kc_obs_t;
 
-/* Everything one pose gives: about 6 KiB; caller owns it. */
+/* A line in space: both motions of a screw share it. */
+typedef struct {
+    double axis[3];    /* direction, of length 1 */
+    double point_m[3]; /* one of its points */
+} kc_line_t;
+
+/* A motion along an axis and about it, with sine and cosine of its angle (not set where the angle is 0). */
+typedef struct {
+    double shift_m, angle_rad, sine, cosine;
+} kc_screw_t;
+
+/* Twists of all frames: sums of the correction terms. */
+typedef struct {
+    double of[KC_FRAME_COUNT][6];
+} kc_twists_t;
+
+/* What an arm, its terms and coefficients give for every pose: kc_model_fix makes it, nobody else writes it. It holds as
+ * long as those three do not change. About 2 KiB; caller owns it. */
+typedef struct {
+    const kc_arm_t *arm;
+    const kc_terms_t *terms; /* NULL: none, all poses are nominal */
+    const double *coef; /* NULL: all zero */
+    bool loads_count; /* a term depends on loads whose coefficient is enabled or not 0 */
+    kc_pose_t base, tool; /* f_B and f_T of the arm */
+    kc_twists_t tw; /* of the constant terms; 0 where others add to them */
+    /* on x and y of frame 0 .. n: link and twist; where the twist is not constant, each pose has its own */
+    kc_screw_t x[KC_JOINT_MAX + 1u], y[KC_JOINT_MAX + 1u];
+    uint8_t varies[KC_FRAME_COUNT]; /* bit: component of the twist that is not constant */
+    uint32_t n_varying;
+    uint16_t varying[KC_TERM_MAX]; /* terms that are not constant or add to such a component, in order */
+} kc_fixed_t;
+
+/* Everything one pose gives: about 5 KiB; caller owns it. */
 typedef struct {
     kc_pose_t T; /* tool in base, corrected */
-    double twist[KC_FRAME_COUNT * 6u][6];     /* d pose / d component: (dp; dtheta) in
-                                                 the base frame, rotation about the
-                                                 tool point; index frame*6 + comp;
-                                                 camera and meas rows are zero but
-                                                 after kc_model_residual: d(model -
-                                                 measured) then */
-    double Jq[KC_JOINT_MAX][6];               /* d pose / d q_j at fixed corrections
+    bool has_measured; /* what was measured is in measured_m and the lines: kc_model_residual with has_cam */
+    double measured_m[3]; /* measured tool position, corrected */
+    /* Screws of the twist at a frame, by axis, base frame: kc_model_twist makes derivatives of them. Of camera and
+     * measurement the axes point the other way: d(model - measured). */
+    kc_line_t line[KC_FRAME_COUNT][3];
+    double Jq[KC_JOINT_MAX][6]; /* d pose / d q_j at fixed corrections
                                                  (their slope in q, e.g. an encoder
                                                  gain of 1 %, is left out) */
     double J[KC_COEF_MAX][6]; /* d pose / d coefficient */
 } kc_eval_t;
 
 /* Bound of the instructions of kc_model_needed_loads together with kc_model_eval (want_J as there), kc_model_residual
- * (want_J = 1), kc_model_miss or kc_model_frames (0). coef: the coefficients, or those of them that are not enabled. */
+ * (want_J = 1), kc_model_miss or kc_model_frames (0), with the making of
+ * one kc_fixed_t. coef: the coefficients, or those of them that are not enabled. */
 uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, bool want_J);
+
+/* For poses of the same coefficients (NULL: all zero; then terms may be NULL too, if no J is wanted). O(n + n_term).
+ * What follows is kc_model_NAME of these coefficients, bit for bit: each of those makes a kc_fixed_t for itself. */
+void kc_model_fix(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, kc_fixed_t *fixed);
+void kc_fixed_loads(const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_loads_t *loads);
+/* In work; or zeros that nobody has to write. */
+const kc_loads_t *kc_fixed_needed_loads(const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_loads_t *work);
+void kc_fixed_eval(const kc_fixed_t *fixed, const kc_ctx_t *ctx, const kc_loads_t *loads, bool want_J,
+                   kc_eval_t *ev);
+void kc_fixed_frames(const kc_fixed_t *fixed, const kc_ctx_t *ctx, const kc_loads_t *loads, kc_pose_t *frame,
+                     double *along_m, double *across_m);
+uint32_t kc_fixed_residual(const kc_fixed_t *fixed, const kc_obs_t *obs, const kc_loads_t *loads, double r[6],
+                           kc_eval_t *ev);
+uint32_t kc_fixed_miss(const kc_fixed_t *fixed, const kc_obs_t *obs, const kc_loads_t *loads, double r[6],
+                       kc_eval_t *ev);
 
 /* Gravity torques, moments and levers with the coefficients `coef` (NULL: all zero). Bases that
  * depend on loads count as zero here: loads are those of the chain without load-dependent
@@ -51,10 +98,15 @@ void kc_model_needed_loads(const kc_arm_t *arm, const kc_terms_t *terms, const d
 
 /* Corrected pose, joint Jacobian and coefficient Jacobian at fixed loads (the derivative
  * through the loads is second order and left out; Gauss-Newton re-evaluates them).
- * coef: n_coef values (NULL: all zero). want_J = 0 skips twist and J; with coef NULL too, terms may be NULL (here, in
+ * coef: n_coef values (NULL: all zero). want_J = 0 skips lines and J; with coef NULL too, terms may be NULL (here, in
  * kc_model_loads and in kc_model_needed_loads). O(n + n_term). */
 void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                    const kc_loads_t *loads, bool want_J, kc_eval_t *ev);
+
+/* d pose / d component comp of the twist at a frame: (dp; dtheta) in the base frame, rotation about the tool point.
+ * Camera and meas frame: d(model - measured), zero without has_cam and after kc_model_eval. ev: as kc_model_eval with
+ * want_J or kc_model_residual filled it. O(1). */
+void kc_model_twist(const kc_eval_t *ev, uint32_t frame, uint32_t comp, double row[6]);
 
 /* Frames of the bodies of the arm: frame[0] = the tool, frame[j] = what turns (or slides) with joint j, j
  * = 1 .. n_joints, on its axis before d, a and alpha of its link. along_m[j]: how far corrections moved it
@@ -70,7 +122,7 @@ void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double 
  * of the model). Returns rows. */
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_obs_t *obs, const kc_loads_t *loads, double r[6], kc_eval_t *ev);
-/* The same without J and twist. */
+/* The same without J and lines. */
 uint32_t kc_model_miss(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_obs_t *obs,
                        const kc_loads_t *loads, double r[6], kc_eval_t *ev);
 

@@ -119,16 +119,15 @@ void kc_dls_limit(double *dq, uint32_t n, double step_max)
     for (uint32_t j = 0u; j < n; j++) { dq[j] *= step_max / worst; }
 }
 
-void kc_dls_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const double *q,
-                 kc_eval_t *work)
+void kc_dls_eval(const kc_fixed_t *fixed, const double *q, kc_eval_t *work)
 {
+    const kc_arm_t *arm = fixed->arm;
     kc_ctx_t ctx;
     kc_loads_t loads;
     memset(&ctx, 0, sizeof ctx);
     memcpy(ctx.q, q, arm->n_joints * sizeof *q);
     memcpy(ctx.g_m_s2, arm->gravity_m_s2, sizeof ctx.g_m_s2);
-    kc_model_needed_loads(arm, terms, coef, &ctx, &loads);
-    kc_model_eval(arm, terms, coef, &ctx, &loads, false, work);
+    kc_fixed_eval(fixed, &ctx, kc_fixed_needed_loads(fixed, &ctx, &loads), false, work);
 }
 
 void kc_dls_box(const kc_joint_t *j, double margin, double q, double *lo, double *hi)

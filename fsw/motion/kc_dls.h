@@ -28,8 +28,7 @@ void kc_dls_limit(double *dq, uint32_t n, double step_max);
 
 /* Corrected pose and joint Jacobian at encoder readings q, loads included; the rest of the context
  * (time, temperature ...) is zero. */
-void kc_dls_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const double *q,
-                 kc_eval_t *work);
+void kc_dls_eval(const kc_fixed_t *fixed, const double *q, kc_eval_t *work);
 
 /* Interval of a joint step that stays `margin` inside the limits; always contains 0, so a joint that is
  * outside may only move inward. */

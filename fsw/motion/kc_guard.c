@@ -1,5 +1,7 @@
 #include "kc_guard.h"
 
+#include <stddef.h>
+
 #include "kc_libm.h"
 #include "kc_vec.h"
 
@@ -349,19 +351,19 @@ static bool on_verified_path(const kc_guard_request_t *request, kc_guard_reason_
 /* ---- keep-out volumes and self-collision ---- */
 
 /* The instructions that it was charged with. */
-static uint64_t near_at(const kc_guard_request_t *request, double part, kc_guard_near_t *near)
+static uint64_t near_at(const kc_guard_request_t *request, const kc_fixed_t *fixed, double part,
+                        kc_guard_near_t *near)
 {
     kc_guard_arm_t g = {.arm = request->arm, .space = request->space};
     kc_ctx_t ctx = *request->ctx;
-    kc_loads_t loads;
+    kc_loads_t work;
     axes_t axes;
     nearest_t n[2] = {{.d = KC_INF}, {.d = KC_INF}};
     for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
         ctx.q[j] = request->q_from[j] + part * (request->q_to[j] - request->q_from[j]);
     }
-    kc_model_needed_loads(request->arm, request->terms, request->coef, &ctx, &loads);
-    kc_model_frames(request->arm, request->terms, request->coef, &ctx, &loads, g.frame, g.along_m,
-                    g.across_m);
+    const kc_loads_t *loads = kc_fixed_needed_loads(fixed, &ctx, &work);
+    kc_fixed_frames(fixed, &ctx, loads, g.frame, g.along_m, g.across_m);
     find_axes(&g, &axes);
     nearest_volume(g.space, &axes, &n[0]);
     nearest_body(g.space, &axes, &n[1]);
@@ -429,15 +431,15 @@ static void check_bound(kc_guard_job_t *job)
 }
 
 /* The instructions that it was charged with. */
-static uint64_t next_posture(const kc_guard_request_t *request, kc_guard_job_t *job)
+static uint64_t next_posture(const kc_guard_request_t *request, const kc_fixed_t *fixed, kc_guard_job_t *job)
 {
     uint64_t cost;
     if (job->k == 0u) {
-        cost = near_at(request, 0.0, &job->first);
+        cost = near_at(request, fixed, 0.0, &job->first);
         job->at = job->first;
     } else {
         job->part = next_part(request, job);
-        cost = near_at(request, job->part, &job->at);
+        cost = near_at(request, fixed, job->part, &job->at);
         check_clearance(job);
     }
     job->k++;
@@ -483,9 +485,12 @@ void kc_guard_begin(const kc_guard_request_t *request, kc_guard_job_t *job)
 bool kc_guard_step(const kc_guard_request_t *request, kc_guard_job_t *job, kc_work_t *work)
 {
     const uint64_t cost = kc_guard_clearance_cost(request);
+    kc_fixed_t fixed;
+    fixed.arm = NULL; /* it is made once there is work for it */
     while (!job->over) {
         if (!kc_work_take(work, cost)) { return false; }
-        kc_work_return(work, cost - next_posture(request, job));
+        if (fixed.arm == NULL) { kc_model_fix(request->arm, request->terms, request->coef, &fixed); }
+        kc_work_return(work, cost - next_posture(request, &fixed, job));
     }
     return true;
 }
@@ -493,7 +498,9 @@ bool kc_guard_step(const kc_guard_request_t *request, kc_guard_job_t *job, kc_wo
 double kc_guard_clearance_at(const kc_guard_request_t *request, uint64_t *cost)
 {
     kc_guard_near_t near;
-    *cost = near_at(request, 1.0, &near);
+    kc_fixed_t fixed;
+    kc_model_fix(request->arm, request->terms, request->coef, &fixed);
+    *cost = near_at(request, &fixed, 1.0, &near);
     return kc_min(near.d[0], near.d[1]);
 }
 

@@ -17,10 +17,10 @@ typedef struct {
 } point_t;
 
 /* Pose error of the corrected tool at q, with the Jacobian in work. */
-static double pose_error(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                         const kc_pose_t *goal, const double *q, kc_eval_t *work, double e[6])
+static double pose_error(const kc_fixed_t *fixed, const kc_pose_t *goal, const double *q, kc_eval_t *work,
+                         double e[6])
 {
-    kc_dls_eval(arm, terms, coef, q, work);
+    kc_dls_eval(fixed, q, work);
     kc_pose_residual(goal, &work->T, e);
     return kc_dls_cost(e);
 }
@@ -72,13 +72,15 @@ kc_status_t kc_ik_solve(const kc_arm_t *arm, const kc_terms_t *terms, const doub
     double e[6], q_try[KC_JOINT_MAX];
     double damping = DAMPING_START, cost;
     point_t at;
+    kc_fixed_t fixed;
     uint32_t n = 1u, iters = opt->iter_max < ITER_MAX ? opt->iter_max : ITER_MAX;
     clip_start(arm, opt->margin, q);
-    cost = pose_error(arm, terms, coef, goal, q, work, e);
+    kc_model_fix(arm, terms, coef, &fixed);
+    cost = pose_error(&fixed, goal, q, work, e);
     keep(&at, e, cost, work);
     for (uint32_t i = 0u; i < iters && !inside(at.e, opt) && damping <= DAMPING_MAX; i++) {
         if (trial(arm, opt, damping, &at, q, q_try) != KC_OK) { break; }
-        cost = pose_error(arm, terms, coef, goal, q_try, work, e);
+        cost = pose_error(&fixed, goal, q_try, work, e);
         n++;
         if (cost < at.cost) { /* NaN fails */
             keep(&at, e, cost, work);

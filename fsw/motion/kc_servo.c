@@ -31,21 +31,21 @@ static void box_of(const kc_joint_t *joint, double margin, double bound, double 
 void kc_servo_forget(kc_servo_mem_t *mem) { memset(mem, 0, sizeof *mem); }
 
 /* Model's joint Jacobian at q plus what was learned, into work->Jq. */
-static void jacobian(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const double *q,
-                     const kc_servo_mem_t *mem, kc_eval_t *work)
+static void jacobian(const kc_fixed_t *fixed, const double *q, const kc_servo_mem_t *mem, kc_eval_t *work)
 {
-    kc_dls_eval(arm, terms, coef, q, work);
+    kc_dls_eval(fixed, q, work);
     if (mem == NULL) { return; }
-    for (uint32_t j = 0u; j < arm->n_joints; j++) {
+    for (uint32_t j = 0u; j < fixed->arm->n_joints; j++) {
         for (uint32_t r = 0u; r < 6u; r++) { work->Jq[j][r] += mem->B[j][r]; }
     }
 }
 
 /* Broyden (1965), only where the model fails, and with its Jacobian halfway along the move:
  * B += (dx - (J + B) s) s' / s's. */
-static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_pose_t *measured,
-                  const double *q, kc_servo_mem_t *mem, kc_eval_t *work)
+static void learn(const kc_fixed_t *fixed, const kc_pose_t *measured, const double *q, kc_servo_mem_t *mem,
+                  kc_eval_t *work)
 {
+    const kc_arm_t *arm = fixed->arm;
     double s[KC_JOINT_MAX], mid[KC_JOINT_MAX], dx[6];
     double s2 = 0.0, turn = 0.0, moved;
     for (uint32_t j = 0u; j < arm->n_joints; j++) {
@@ -61,7 +61,7 @@ static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *co
     }
     if (s2 < LEARN_MIN * LEARN_MIN) { return; }
     moved = kc_dls_cost(dx);
-    jacobian(arm, terms, coef, mid, mem, work);
+    jacobian(fixed, mid, mem, work);
     for (uint32_t j = 0u; j < arm->n_joints; j++) {
         for (uint32_t r = 0u; r < 6u; r++) { dx[r] -= work->Jq[j][r] * s[j]; }
     }
@@ -85,16 +85,18 @@ kc_servo_result_t kc_servo_step(const kc_arm_t *arm, const kc_terms_t *terms, co
 {
     double e[6], lo[KC_JOINT_MAX], hi[KC_JOINT_MAX], dq[KC_JOINT_MAX];
     uint32_t n = arm->n_joints;
+    kc_fixed_t fixed;
     kc_status_t st;
     memcpy(q_cmd, q, n * sizeof *q);
     kc_pose_residual(goal, measured, e);
     if (kc_v3_norm(e) <= opt->tol_pos_m && kc_v3_norm(&e[3]) <= opt->tol_rot_rad) { return KC_SERVO_THERE; }
     if (!kc_v_finite(e, 6u)) { return KC_SERVO_STUCK; }
+    kc_model_fix(arm, terms, coef, &fixed);
     if (mem != NULL) {
-        if (mem->has_last) { learn(arm, terms, coef, measured, q, mem, work); }
+        if (mem->has_last) { learn(&fixed, measured, q, mem, work); }
         remember(measured, q, n, mem);
     }
-    jacobian(arm, terms, coef, q, mem, work);
+    jacobian(&fixed, q, mem, work);
     for (uint32_t j = 0u; j < n; j++) {
         box_of(&arm->joint[j], opt->margin, kc_min(opt->bound, bound[j]), q[j], q_seed[j], &lo[j], &hi[j]);
     }

@@ -23,9 +23,11 @@ static void take_detection(kc_observe_t *observe, const kc_detection_t *det, con
     const kc_telemetry_t *t = view->telemetry;
     kc_posture_t at = {&t->arm, &t->pantilt, (double)view->clock->now_us * 1e-6};
     kc_obs_t obs;
+    kc_fixed_t fixed;
     double r[6], E[9];
     kc_observation(&view->tables->camera, det, &at, &obs);
-    kc_observation_residual(view->tables, view->latest->coef, &obs, r, &observe->predicted);
+    kc_model_fix(&view->tables->arm, &view->tables->terms, view->latest->coef, &fixed);
+    kc_observation_residual(&fixed, &obs, r, &observe->predicted);
     kc_R_exp(&r[3], E);
     kc_m3_mul(E, observe->predicted.R, observe->measured.R);
     kc_v3_add_scaled(observe->predicted.p_m, 1.0, r, observe->measured.p_m);

@@ -40,29 +40,29 @@ void kc_view_ctx(const kc_view_t *view, uint32_t cand, kc_ctx_t *ctx)
     ctx->t_s = (double)view->clock->now_us * 1e-6;
 }
 
-static void pose(const kc_view_t *view, const double *coef, const kc_ctx_t *ctx, kc_pose_t *T)
+static void pose(const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_pose_t *T)
 {
-    const kc_active_t *a = view->tables;
-    kc_loads_t loads;
+    kc_loads_t work;
     kc_eval_t eval;
-    kc_model_needed_loads(&a->arm, &a->terms, coef, ctx, &loads);
-    kc_model_eval(&a->arm, &a->terms, coef, ctx, &loads, false, &eval);
+    kc_fixed_eval(fixed, ctx, kc_fixed_needed_loads(fixed, ctx, &work), false, &eval);
     *T = eval.T;
 }
 
 void kc_view_expect(const kc_view_t *view, const double *q, kc_pose_t *T)
 {
     kc_ctx_t ctx;
+    kc_fixed_t fixed;
     kc_view_ctx(view, 0u, &ctx);
     memcpy(ctx.q, q, view->tables->arm.n_joints * sizeof *q);
-    pose(view, view->latest->coef, &ctx, T);
+    kc_model_fix(&view->tables->arm, &view->tables->terms, view->latest->coef, &fixed);
+    pose(&fixed, &ctx, T);
 }
 
-void kc_view_pose(const kc_view_t *view, const double *coef, uint32_t cand, kc_pose_t *T)
+void kc_view_pose(const kc_view_t *view, const kc_fixed_t *fixed, uint32_t cand, kc_pose_t *T)
 {
     kc_ctx_t ctx;
     kc_view_ctx(view, cand, &ctx);
-    pose(view, coef, &ctx, T);
+    pose(fixed, &ctx, T);
 }
 
 double kc_view_distance(const kc_view_t *view, const double *q)

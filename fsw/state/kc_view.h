@@ -92,8 +92,8 @@ bool kc_view_at_rest(const kc_view_t *view);
 void kc_view_ctx(const kc_view_t *view, uint32_t cand, kc_ctx_t *ctx);
 /* Pose of the tool at joints q, with the latest correction. */
 void kc_view_expect(const kc_view_t *view, const double *q, kc_pose_t *T);
-/* The same at candidate cand and any coefficients. */
-void kc_view_pose(const kc_view_t *view, const double *coef, uint32_t cand, kc_pose_t *T);
+/* The same at candidate cand, with any coefficients. */
+void kc_view_pose(const kc_view_t *view, const kc_fixed_t *fixed, uint32_t cand, kc_pose_t *T);
 /* Largest distance of a joint from q. */
 double kc_view_distance(const kc_view_t *view, const double *q);
 /* Seed joints of the current candidate; whether it is a local initial pose. */

@@ -32,15 +32,15 @@ static bool on_camera_side(const kc_terms_t *terms)
 
 /* The residual alone, to rounding that of kc_model_residual: without corrections on the camera side, where the
  * camera stands plays no part, and no derivative is worked out. */
-static void residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_obs_t *obs,
-                     const kc_loads_t *loads, bool camera_side, double r[6], kc_eval_t *ev)
+static void residual(const kc_fixed_t *fixed, const kc_obs_t *obs, const kc_loads_t *loads, bool camera_side,
+                     double r[6], kc_eval_t *ev)
 {
     kc_pose_t M;
     if (camera_side) {
-        (void)kc_model_residual(arm, terms, coef, obs, loads, r, ev);
+        (void)kc_fixed_residual(fixed, obs, loads, r, ev);
         return;
     }
-    kc_model_eval(arm, terms, coef, &obs->ctx, loads, false, ev);
+    kc_fixed_eval(fixed, &obs->ctx, loads, false, ev);
     kc_pose_from_quat(obs->p_m, obs->q_wxyz, &M);
     kc_pose_residual(&M, &ev->T, r);
 }
@@ -71,11 +71,13 @@ void kg_hold(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, u
     const bool camera_side = on_camera_side(terms);
     double r[6];
     kc_eval_t ev;
+    kc_fixed_t fixed;
+    kc_model_fix(arm, terms, coef, &fixed);
     for (uint32_t i = 0u; i < n; i++) {
         held[i] = obs[i];
-        kc_model_loads(arm, terms, coef, &held[i].ctx, &loads[i]);
+        kc_fixed_loads(&fixed, &held[i].ctx, &loads[i]);
         for (uint32_t pass = 0u; pass < passes; pass++) {
-            residual(arm, terms, coef, &held[i], &loads[i], camera_side, r, &ev);
+            residual(&fixed, &held[i], &loads[i], camera_side, r, &ev);
             if (set_view(&held[i], r, keep_image) <= KG_VIEW_TOL_M) { break; }
         }
     }
@@ -93,7 +95,9 @@ static void put_twist(const kc_eval_t *ev, uint32_t rows, uint32_t n_joints, dou
     for (uint32_t f = 0u; f < KG_FRAMES(n_joints); f++) {
         const uint32_t frame = f <= n_joints ? f : KC_FRAME_TOOL + (f - n_joints - 1u);
         for (uint32_t k = 0u; k < 6u; k++) {
-            memcpy(&twist[(6u * f + k) * rows], ev->twist[6u * frame + k], rows * sizeof(double));
+            double row[6];
+            kc_model_twist(ev, frame, k, row);
+            memcpy(&twist[(6u * f + k) * rows], row, rows * sizeof(double));
         }
     }
 }
@@ -112,8 +116,10 @@ void kg_evaluate(const kc_arm_t *arm, const kc_terms_t *terms, const double *coe
     const size_t n_coef = terms->n_coef, n_joints = arm->n_joints;
     double ri[6];
     kc_eval_t ev;
+    kc_fixed_t fixed;
+    kc_model_fix(arm, terms, coef, &fixed);
     for (size_t i = 0u; i < n; i++) {
-        (void)kc_model_residual(arm, terms, coef, &held[i], &loads[i], ri, &ev);
+        (void)kc_fixed_residual(&fixed, &held[i], &loads[i], ri, &ev);
         if (r != NULL) { memcpy(&r[i * rows], ri, rows * sizeof(double)); }
         if (J != NULL) { put_jacobian(&ev, rows, terms->n_coef, &J[i * rows * n_coef]); }
         if (twist != NULL) {
@@ -129,8 +135,10 @@ void kg_residuals(const kc_arm_t *arm, const kc_terms_t *terms, const double *co
     const bool camera_side = on_camera_side(terms);
     double ri[6];
     kc_eval_t ev;
+    kc_fixed_t fixed;
+    kc_model_fix(arm, terms, coef, &fixed);
     for (size_t i = 0u; i < n; i++) {
-        residual(arm, terms, coef, &held[i], &loads[i], camera_side, ri, &ev);
+        residual(&fixed, &held[i], &loads[i], camera_side, ri, &ev);
         memcpy(&r[i * rows], ri, rows * sizeof(double));
     }
 }
@@ -140,8 +148,10 @@ void kg_poses(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, 
 {
     const size_t n_coef = terms->n_coef;
     kc_eval_t ev;
+    kc_fixed_t fixed;
+    kc_model_fix(arm, terms, coef, &fixed);
     for (size_t i = 0u; i < n; i++) {
-        kc_model_eval(arm, terms, coef, &held[i].ctx, &loads[i], J != NULL, &ev);
+        kc_fixed_eval(&fixed, &held[i].ctx, &loads[i], J != NULL, &ev);
         if (pose != NULL) { pose[i] = ev.T; }
         if (J != NULL) { put_jacobian(&ev, 6u, terms->n_coef, &J[i * 6u * n_coef]); }
     }

@@ -438,9 +438,11 @@ void test_pose_covariance_is_that_of_the_coefficients_seen_through_the_jacobian(
     double cov[36];
     double p[3] = {0.0, 0.0, 0.0};
     kc_loads_t loads;
+    kc_fixed_t fixed;
     given(12u, 1.0);
     (void)kc_est_solve(&s_est);
-    kc_est_pose_cov(&s_est, &s_est.obs[3].ctx, &work, cov);
+    kc_model_fix(&s_arm, &s_terms, s_est.coef, &fixed);
+    kc_est_pose_cov(&s_est, &fixed, &s_est.obs[3].ctx, &work, cov);
     kc_model_loads(&s_arm, &s_terms, s_est.coef, &s_est.obs[3].ctx, &loads);
     kc_model_eval(&s_arm, &s_terms, s_est.coef, &s_est.obs[3].ctx, &loads, true, &s_other.eval);
     for (uint32_t i = 0u; i < 28u; i++) {
@@ -463,9 +465,11 @@ void test_pose_covariance_is_of_the_estimated_coefficients_alone(void)
     for (uint32_t m = 0u; m < sizeof masks / sizeof masks[0]; m++) {
         double cov[36], scale = 0.0;
         kc_loads_t loads;
+        kc_fixed_t fixed;
         given(12u, 1.0);
         s_est.opt.free_mask = masks[m];
         (void)kc_est_solve(&s_est);
+        kc_model_fix(&s_arm, &s_terms, s_est.coef, &fixed);
         kc_model_loads(&s_arm, &s_terms, s_est.coef, &s_est.obs[5].ctx, &loads);
         kc_model_eval(&s_arm, &s_terms, s_est.coef, &s_est.obs[5].ctx, &loads, true, &s_other.eval);
         for (uint32_t c = 0u; c < 28u; c++) {
@@ -473,7 +477,7 @@ void test_pose_covariance_is_of_the_estimated_coefficients_alone(void)
                 s_est.cov[c * KC_COEF_MAX + k] = s_est.cov[k * KC_COEF_MAX + c] = 1.0;
             }
         }
-        kc_est_pose_cov(&s_est, &s_est.obs[5].ctx, &work, cov);
+        kc_est_pose_cov(&s_est, &fixed, &s_est.obs[5].ctx, &work, cov);
         for (uint32_t k = 0u; k < 6u; k++) { scale = fmax(scale, cov[7u * k]); }
         for (uint32_t k = 0u; k < 36u; k++) {
             double want = 0.0;

@@ -69,14 +69,16 @@ void test_without_want_J_the_pose_is_the_same_and_the_rows_are_zero(void)
     kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev2);
     TEST_ASSERT_EQUAL_MEMORY(&s_ev.T, &s_ev2.T, sizeof s_ev.T);
     TEST_ASSERT_EQUAL_MEMORY(s_ev.Jq, s_ev2.Jq, sizeof s_ev.Jq);
-    TEST_ASSERT_EQUAL_MEMORY(zero.twist, s_ev2.twist, sizeof zero.twist);
+    for (uint32_t frame = 0u; frame < KC_FRAME_COUNT; frame++) { /* of z: joints need it */
+        TEST_ASSERT_EQUAL_MEMORY(zero.line, s_ev2.line[frame], 2u * sizeof zero.line[0][0]);
+    }
     TEST_ASSERT_EQUAL_MEMORY(zero.J, s_ev2.J, sizeof zero.J);
     TEST_ASSERT_TRUE(s_ev.J[0][3] != 0.0 || s_ev.J[0][4] != 0.0 || s_ev.J[0][5] != 0.0);
 }
 
 void test_terms_of_one_coefficient_add_up(void)
 {
-    double sum[6];
+    double sum[6], rx[6], ty[6];
     add_term(1u, KC_RX, KC_VAR_Q, 3u);
     add_term(2u, KC_TY, KC_VAR_ONE, 0u);
     s_t.term[1].coef = 0u;
@@ -84,7 +86,9 @@ void test_terms_of_one_coefficient_add_up(void)
     s_t.n_coef = 1u;
     kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
     kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, true, &s_ev);
-    for (int i = 0; i < 6; i++) { sum[i] = 0.9 * s_ev.twist[6 + KC_RX][i] - 2.0 * s_ev.twist[12 + KC_TY][i]; }
+    kc_model_twist(&s_ev, 1u, KC_RX, rx);
+    kc_model_twist(&s_ev, 2u, KC_TY, ty);
+    for (int i = 0; i < 6; i++) { sum[i] = 0.9 * rx[i] - 2.0 * ty[i]; }
     assert_doubles(sum, s_ev.J[0], 6, 1e-15);
 }
 
@@ -237,7 +241,9 @@ void test_without_a_camera_pose_nothing_of_the_measurement_moves_the_residual(vo
     memset(&s_ev, 0x3f, sizeof s_ev);
     (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
     for (uint32_t i = 6u * KC_FRAME_CAMERA; i < 6u * KC_FRAME_COUNT; i++) {
-        assert_doubles(zero, s_ev.twist[i], 6, 0.0);
+        double row[6];
+        kc_model_twist(&s_ev, i / 6u, i % 6u, row);
+        assert_doubles(zero, row, 6, 0.0);
     }
 }
 
@@ -297,7 +303,7 @@ void test_the_miss_is_what_was_seen_less_the_model_without_a_jacobian(void)
         for (uint32_t i = 0u; i < 3u; i++) { obs.p_m[i] += off[i]; }
         s_coef[1] = 0.02;
         memset(&s_ev, 0, sizeof s_ev);
-        s_ev.J[0][0] = s_ev.twist[7][0] = 7.0;
+        s_ev.J[0][0] = s_ev.line[1][1].axis[0] = 7.0;
         TEST_ASSERT_EQUAL_UINT32(obs.has_rot ? 6u : 3u,
                                  kc_model_miss(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev));
         for (uint32_t i = 0u; i < 3u; i++) {
@@ -305,7 +311,7 @@ void test_the_miss_is_what_was_seen_less_the_model_without_a_jacobian(void)
             TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.0, r[3u + i]);
         }
         TEST_ASSERT_EQUAL_DOUBLE(7.0, s_ev.J[0][0]);
-        TEST_ASSERT_EQUAL_DOUBLE(7.0, s_ev.twist[7][0]);
+        TEST_ASSERT_EQUAL_DOUBLE(7.0, s_ev.line[1][1].axis[0]);
         s_coef[2] = 0.1;
         (void)kc_model_miss(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
         (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, same, &s_ev2);
@@ -500,6 +506,101 @@ void test_the_joint_rows_are_those_of_differences(void)
             TEST_ASSERT_DOUBLE_WITHIN(1e-6, moved[k] / step, s_ev.Jq[j][k]);
         }
     }
+}
+
+/* ---- coefficients of many poses ---- */
+
+/* On each component a constant term, and on ten of them two others, constant or not: sums that round otherwise in
+ * another order. */
+static void given_terms_of_every_kind(bool with_loads)
+{
+    static const uint8_t frame[] = {0u, 1u, 2u, 3u, KC_FRAME_TOOL, KC_FRAME_CAMERA, KC_FRAME_MEAS};
+    s_t.n_coef = s_t.n_term = 0u;
+    for (uint32_t k = 0u; k < 42u; k++) {
+        s_coef[k] = k % 5u == 4u ? 0.0 : 0.02 * sin(1.0 + 1.7 * (double)k);
+        add_term(frame[k / 6u], (uint8_t)(k % 6u), KC_VAR_ONE, 0u);
+    }
+    for (uint32_t k = 0u; k < 20u; k++) {
+        s_coef[42u + k] = k % 4u == 3u ? 0.0 : 1e-3 * cos(1.0 + 2.3 * (double)k);
+        const uint8_t var = k % 3u == 0u ? KC_VAR_Q : k % 3u == 1u && with_loads ? KC_VAR_TAU : KC_VAR_ONE;
+        add_term(frame[k % 10u % 7u], (uint8_t)(k % 10u % 6u), var, (uint8_t)(1u + k % 3u)); /* twice */
+    }
+    s_ctx.payload_kg = 1.5;
+}
+
+/* All terms, but those that are constant become functions of a temperature, and are 1 there. */
+static void given_no_term_that_is_constant(kc_terms_t *terms)
+{
+    *terms = s_t;
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        kc_basis_t *basis = terms->term[k].basis;
+        if (basis[0].var == KC_VAR_ONE && k % 7u != 0u) { /* some stay: sums of both kinds */
+            basis[1] = (kc_basis_t){.fn = KC_FN_LIN, .var = KC_VAR_TEMP, .c0 = 20.0, .c1 = 1.0};
+        }
+    }
+    s_ctx.temp_c = 21.0;
+}
+
+static void assert_same_poses(const kc_fixed_t *fixed, const kc_terms_t *terms, const kc_obs_t *obs)
+{
+    static kc_eval_t one, other;
+    kc_loads_t loads, fixed_loads;
+    kc_pose_t frame[2][KC_JOINT_MAX + 1u];
+    double r[2][6], along_m[2][KC_JOINT_MAX + 1u], across_m[2][KC_JOINT_MAX + 1u];
+    kc_model_loads(&s_arm, terms, s_coef, &obs->ctx, &loads);
+    kc_fixed_loads(fixed, &obs->ctx, &fixed_loads);
+    TEST_ASSERT_EQUAL_MEMORY(&loads, &fixed_loads, sizeof loads);
+    (void)kc_model_residual(&s_arm, terms, s_coef, obs, &loads, r[0], &one);
+    (void)kc_fixed_residual(fixed, obs, &loads, r[1], &other);
+    TEST_ASSERT_EQUAL_MEMORY(r[0], r[1], sizeof r[0]);
+    TEST_ASSERT_EQUAL_MEMORY(&one.T, &other.T, sizeof one.T);
+    TEST_ASSERT_EQUAL_MEMORY(one.Jq, other.Jq, s_arm.n_joints * sizeof one.Jq[0]);
+    TEST_ASSERT_EQUAL_MEMORY(one.J, other.J, s_t.n_coef * sizeof one.J[0]);
+    (void)kc_fixed_miss(fixed, obs, &loads, r[1], &other);
+    TEST_ASSERT_EQUAL_MEMORY(r[0], r[1], sizeof r[0]);
+    kc_fixed_eval(fixed, &obs->ctx, &loads, false, &other);
+    TEST_ASSERT_EQUAL_MEMORY(&one.T, &other.T, sizeof one.T);
+    kc_model_frames(&s_arm, terms, s_coef, &obs->ctx, &loads, frame[0], along_m[0], across_m[0]);
+    kc_fixed_frames(fixed, &obs->ctx, &loads, frame[1], along_m[1], across_m[1]);
+    TEST_ASSERT_EQUAL_MEMORY(frame[0], frame[1], (s_arm.n_joints + 1u) * sizeof frame[0][0]);
+    TEST_ASSERT_EQUAL_MEMORY(along_m[0], along_m[1], (s_arm.n_joints + 1u) * sizeof along_m[0][0]);
+    TEST_ASSERT_EQUAL_MEMORY(across_m[0], across_m[1], (s_arm.n_joints + 1u) * sizeof across_m[0][0]);
+}
+
+/* One kc_fixed_t for all poses, against one for each pose of terms that nothing is fixed of. */
+void test_poses_of_fixed_coefficients_have_the_bits_of_each_alone(void)
+{
+    static kc_terms_t varying;
+    static kc_fixed_t fixed;
+    for (uint32_t with_loads = 0u; with_loads < 2u; with_loads++) {
+        given_terms_of_every_kind(with_loads != 0u);
+        given_no_term_that_is_constant(&varying);
+        kc_obs_t obs = given_observation();
+        obs.q_cam_wxyz[0] = 0.8;
+        obs.q_cam_wxyz[1] = 0.6;
+        memset(&fixed, 0x7f, sizeof fixed);
+        kc_model_fix(&s_arm, &s_t, s_coef, &fixed);
+        for (uint32_t k = 0u; k < 8u; k++) {
+            for (uint32_t j = 0u; j < s_arm.n_joints; j++) { obs.ctx.q[j] = sin(3.0 * k + j); }
+            assert_same_poses(&fixed, &varying, &obs);
+        }
+    }
+}
+
+void test_fixed_coefficients_that_no_load_moves_need_none(void)
+{
+    static kc_fixed_t fixed;
+    kc_loads_t work, full;
+    static const kc_loads_t none;
+    given_terms_of_every_kind(false);
+    kc_model_fix(&s_arm, &s_t, s_coef, &fixed);
+    TEST_ASSERT_EQUAL_MEMORY(&none, kc_fixed_needed_loads(&fixed, &s_ctx, &work), sizeof none);
+    given_terms_of_every_kind(true);
+    kc_model_fix(&s_arm, &s_t, s_coef, &fixed);
+    kc_fixed_loads(&fixed, &s_ctx, &full);
+    TEST_ASSERT_EQUAL_PTR(&work, kc_fixed_needed_loads(&fixed, &s_ctx, &work));
+    TEST_ASSERT_EQUAL_MEMORY(&full, &work, sizeof full);
+    TEST_ASSERT_TRUE(full.tau[0] != 0.0 || full.tau[1] != 0.0);
 }
 
 /* Frame i of the corrected arm: the tool of the arm cut off there. */

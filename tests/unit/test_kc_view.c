@@ -118,6 +118,7 @@ void test_the_tool_is_expected_where_the_corrected_arm_has_it(void)
 {
     double coef[KC_COEF_MAX] = {0.0}, q[KC_JOINT_MAX], at[KC_JOINT_MAX];
     kc_pose_t T;
+    kc_fixed_t fixed;
     for (uint32_t k = 0u; k < 18u; k++) {
         given_telemetry();
         memset(&T, 0, sizeof T);
@@ -126,7 +127,8 @@ void test_the_tool_is_expected_where_the_corrected_arm_has_it(void)
             coef[4u * j] = k < 9u ? 0.0 : 0.02 * (double)j - 0.05;
             at[j] = q[j] + coef[4u * j];
         }
-        kc_view_pose(&parts.view, coef, k % 9u, &T);
+        kc_model_fix(arm_table(), &parts.tables.active.terms, coef, &fixed);
+        kc_view_pose(&parts.view, &fixed, k % 9u, &T);
         expect_pose(at, &T);
         for (uint32_t j = 0u; j < 7u; j++) {
             q[j] += 0.1;
@@ -146,8 +148,10 @@ void test_an_arm_that_sags_is_expected_where_it_sags_to(void)
     kc_loads_t loads;
     kc_ctx_t ctx;
     kc_pose_t T;
+    kc_fixed_t fixed;
     t->term[4].basis[0] = (kc_basis_t){.fn = KC_FN_LIN, .var = KC_VAR_TAU, .index = 2u, .c1 = 1.0};
     coef[4] = 2e-3;
+    kc_model_fix(arm_table(), t, coef, &fixed);
     for (uint32_t cand = 0u; cand < 9u; cand++) {
         given_telemetry();
         memset(&ctx, 0, sizeof ctx);
@@ -157,7 +161,7 @@ void test_an_arm_that_sags_is_expected_where_it_sags_to(void)
         ctx.payload_kg = 2.5;
         kc_model_loads(arm_table(), t, coef, &ctx, &loads);
         q[1] += coef[4] * loads.tau[1];
-        kc_view_pose(&parts.view, coef, cand, &T);
+        kc_view_pose(&parts.view, &fixed, cand, &T);
         expect_pose(q, &T);
         memcpy(parts.latest.coef, coef, sizeof coef);
         memset(&T, 0, sizeof T);

@@ -62,15 +62,18 @@ double loop_design(kc_gp_t *gp, const kc_kernel_t *kernel, const kc_point_t *x, 
     return now_s() - begun;
 }
 
-/* Pose and Jacobians of one joint vector after the other, loads too if they are wanted. */
+/* Pose and Jacobians of one joint vector after the other, loads too if they are wanted; coefficients as a fit holds
+ * them, for all poses of a pass. */
 double loop_model(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                   uint32_t count, uint32_t rounds, uint8_t with_loads, kc_loads_t *loads, kc_eval_t *ev)
 {
     const double begun = now_s();
+    kc_fixed_t fixed;
+    kc_model_fix(arm, terms, coef, &fixed);
     for (uint32_t r = 0u; r < rounds; r++) {
         for (uint32_t i = 0u; i < count; i++) {
-            if (with_loads != 0u) { kc_model_loads(arm, terms, coef, &ctx[i], loads); }
-            kc_model_eval(arm, terms, coef, &ctx[i], loads, true, ev);
+            if (with_loads != 0u) { kc_fixed_loads(&fixed, &ctx[i], loads); }
+            kc_fixed_eval(&fixed, &ctx[i], loads, true, ev);
         }
     }
     return now_s() - begun;
