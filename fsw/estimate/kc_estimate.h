@@ -88,7 +88,9 @@ typedef struct {
     /* in */
     const kc_arm_t *arm;
     const kc_terms_t *terms;
-    const kc_camera_t *camera; /* the errors that it states explain residuals; NULL: it is exact */
+    const kc_camera_t
+        *camera; /* the errors that it states explain residuals, q_wxyz is used then whatever has_rot says;
+                                  NULL: it is exact */
     kc_est_opt_t opt;
     uint32_t n_obs;
     /* hold_none: every requested coefficient is estimated; the weak prior decides what the data do not

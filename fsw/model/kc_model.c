@@ -70,6 +70,7 @@ static void fix_twists(kc_fixed_t *f)
 static const kc_twists_t *sum_twists(const kc_fixed_t *f, const kc_ctx_t *ctx, const kc_loads_t *loads,
                                      kc_twists_t *own, double *weight)
 {
+    if (weight != NULL) { memset(weight, 0, f->terms->n_term * sizeof *weight); }
     if (f->n_varying == 0u) { return &f->tw; }
     *own = f->tw;
     for (uint32_t i = 0u; i < f->n_varying; i++) {
@@ -229,6 +230,8 @@ static void set_screw(kc_screw_t *s, double shift_m, double angle_rad)
 {
     s->shift_m = shift_m;
     s->angle_rad = angle_rad;
+    s->sine = 0.0;
+    s->cosine = 1.0;
     if (!kc_is_zero(angle_rad)) { kc_sincos(angle_rad, &s->sine, &s->cosine); }
 }
 

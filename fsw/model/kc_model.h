@@ -25,7 +25,7 @@ typedef struct {
     double point_m[3]; /* one of its points */
 } kc_line_t;
 
-/* A motion along an axis and about it, with sine and cosine of its angle (not set where the angle is 0). */
+/* A motion along an axis and about it, with sine and cosine of its angle. */
 typedef struct {
     double shift_m, angle_rad, sine, cosine;
 } kc_screw_t;

@@ -271,7 +271,7 @@ def test_a_table_in_force_is_that_of_a_correction_and_decided_by_lines_about_it(
     found = history.History(corrections=[correction(CRC)])
     kin, config = history.InForce(1.0, "KIN", CRC), history.InForce(1.0, "CONFIG", CRC)
     assert found.what(kin) == "correction of session 1, change"
-    assert found.what(config) == found.what(replace(kin, crc=OTHER)) == ""
+    assert found.what(config) == "" and found.what(replace(kin, crc=OTHER)) == history.NO_PROPOSAL
     lines = [entry("approve"), entry("approve", OTHER), entry("table_activate"), entry("seen")]
     assert history.decided(kin, lines) == "approved by A: w; sent by A: w"
 

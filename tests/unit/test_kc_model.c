@@ -214,6 +214,20 @@ void test_a_camera_that_stands_further_along_moves_what_it_saw(void)
     assert_doubles(want_J, s_ev.J[0], 6, 1e-15);
 }
 
+void test_twists_of_the_camera_side_are_what_its_coefficients_move(void)
+{
+    static const uint8_t comp[2] = {KC_TY, KC_RX};
+    double r[6], row[6];
+    const kc_obs_t obs = given_observation();
+    for (uint32_t k = 0u; k < 2u; k++) { add_term(KC_FRAME_CAMERA, comp[k], KC_VAR_ONE, 0u); }
+    (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
+    for (uint32_t k = 0u; k < 2u; k++) {
+        kc_model_twist(&s_ev, KC_FRAME_CAMERA, comp[k], row);
+        assert_doubles(s_ev.J[k], row, 6, 1e-15);
+        TEST_ASSERT_TRUE(kc_v3_norm(row) > 0.1);
+    }
+}
+
 void test_the_arm_side_does_not_see_camera_terms(void)
 {
     static const double zero[6];

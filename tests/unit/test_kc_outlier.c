@@ -175,7 +175,8 @@ static void given_poses_of_an_exact_camera(void)
 /* Of residual and variance, in mm, along one axis: the others are exact. */
 static void assert_worst(double residual_mm, double variance_mm2)
 {
-    const double p = kc_chi2_sf(residual_mm * residual_mm / variance_mm2, 6u);
+    const uint32_t rows = s_est.obs[0].has_rot != 0u ? 6u : 3u;
+    const double p = kc_chi2_sf(residual_mm * residual_mm / variance_mm2, rows);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT32(5u, s_est.job.n_tested);
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 * p, p, s_est.job.p_worst);
@@ -208,6 +209,15 @@ void test_the_drift_of_the_camera_is_known_by_the_time_of_the_other_poses(void)
     s_camera.drift_sigma_m_s = 0.001;
     s_est.obs[4].p_m[2] += 0.008;
     assert_worst(8.0, 1.0 + 16.0 / (1.0 + 1.0 + 4.0 + 9.0));
+}
+
+void test_positions_alone_know_of_the_camera_chain_too(void)
+{
+    given_poses_of_an_exact_camera();
+    for (uint32_t i = 0u; i < 5u; i++) { s_est.obs[i].has_rot = 0u; }
+    s_camera.mast_sigma_m = 0.0005;
+    s_est.obs[3].p_m[1] += 0.005;
+    assert_worst(5.0, 1.0 + 1.0 / (4.0 + 4.0));
 }
 
 /* Of a chain that is stated too large for the digits nothing is taken to be known. */
