@@ -15,9 +15,6 @@ static bool in_camera(const kc_view_t *view)
 
 /* ---- observations ---- */
 
-/* From the first pose, when the camera's drift is taken to begin, to a pose. */
-static double since_s(const kc_est_t *est, uint32_t i) { return est->obs[i].ctx.t_s - est->obs[0].ctx.t_s; }
-
 /* The model with the table in force, and with what was estimated. */
 typedef struct {
     kc_fixed_t before, after;
@@ -44,7 +41,6 @@ static void add_observation(kc_evaluated_t *evaluated, kc_consider_t *chain, con
 {
     const kc_obs_t *obs = &view->est->obs[i];
     double W[36], before[6], after[6], H[KC_CHAIN_COUNT][6];
-    kc_pose_t seen;
     kc_eval_t eval;
     kc_observation_residual(&models->before, obs, before, NULL);
     evaluated->pos2 += kc_v3_dot(before, before);
@@ -58,9 +54,7 @@ static void add_observation(kc_evaluated_t *evaluated, kc_consider_t *chain, con
         evaluated->chi2_before += before[k] * before[k];
         evaluated->chi2_after += after[k] * after[k];
     }
-    kc_pose_from_quat(obs->p_m, obs->q_wxyz, &seen);
-    kc_camera_chain(&view->tables->camera, obs->ctx.pan_rad, obs->ctx.tilt_rad, &seen, since_s(view->est, i),
-                    H);
+    kc_est_chain_motion(view->est, &view->tables->camera, i, H);
     const kc_consider_pose_t pose = {before, after, W, &eval, H};
     kc_consider_add(chain, view->est, &pose);
 }
@@ -154,7 +148,7 @@ static void add_candidate(kc_evaluated_t *evaluated, kc_evaluation_t *evaluation
     kc_v3_sub(eval.T.p_m, before.p_m, d);
     evaluated->change2 += kc_v3_dot(d, d);
     kc_camera_chain(&view->tables->camera, (double)cand->pan_rad, (double)cand->tilt_rad, &eval.T,
-                    since_s(e, e->n_obs - 1u), H);
+                    kc_est_since_s(e, e->n_obs - 1u), H);
     kc_consider_pose(chain, e, &eval, H, &pos2, &rot2);
     evaluated->camera_pos2 += pos2;
     evaluated->camera_rot2 += rot2;

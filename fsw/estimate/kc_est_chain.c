@@ -13,14 +13,22 @@ static double dot(const double *a, const double *b, uint32_t n)
     return s;
 }
 
-/* Motion of observation i by 1 sigma of each error, whitened; rows that are missing are zero. */
+double kc_est_since_s(const kc_est_t *est, uint32_t i) { return est->obs[i].ctx.t_s - est->obs[0].ctx.t_s; }
+
+void kc_est_chain_motion(const kc_est_t *est, const kc_camera_t *camera, uint32_t i, double H[N][6])
+{
+    const kc_obs_t *o = &est->obs[i];
+    kc_pose_t seen;
+    kc_pose_from_quat(o->p_m, o->q_wxyz, &seen);
+    kc_camera_chain(camera, o->ctx.pan_rad, o->ctx.tilt_rad, &seen, kc_est_since_s(est, i), H);
+}
+
+/* The same, whitened; rows that are missing are zero. */
 static void whitened(const kc_est_t *est, uint32_t i, double h[N][6])
 {
     const kc_obs_t *o = &est->obs[i];
     double W[36];
-    kc_pose_t seen;
-    kc_pose_from_quat(o->p_m, o->q_wxyz, &seen);
-    kc_camera_chain(est->camera, o->ctx.pan_rad, o->ctx.tilt_rad, &seen, o->ctx.t_s - est->obs[0].ctx.t_s, h);
+    kc_est_chain_motion(est, est->camera, i, h);
     (void)kc_la_whiten(o->cov, (o->has_rot != 0u) ? 6u : 3u, W); /* kc_est_add has checked it */
     for (uint32_t k = 0u; k < N; k++) { kc_la_whiten_apply(W, h[k], h[k]); }
 }

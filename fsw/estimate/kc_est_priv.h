@@ -25,8 +25,8 @@ typedef enum {
 
 /* The coefficients in mask, in order; how many. */
 uint32_t kc_est_list(const kc_est_t *est, uint64_t mask, uint32_t *list);
-/* Whitened rows of observation i in a pass, at its coefficients, into est->blk, column after column: [J | r]. Returns the number of rows; those
- * that are missing are zero. raw: the residual in m and rad. */
+/* Whitened rows of observation i in a pass, at its coefficients, into est->blk, column after column: [J | r]. Returns
+ * the number of rows; those that are missing are zero. raw: the residual in m and rad. */
 uint32_t kc_est_block(kc_est_t *est, uint32_t i, double raw[6]);
 /* Begin a pass at coef, which may not change before it is over; its work on observation i. */
 void kc_est_pass_begin(kc_est_t *est, kc_est_pass_t pass, const double *coef);

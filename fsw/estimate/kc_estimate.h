@@ -88,9 +88,8 @@ typedef struct {
     /* in */
     const kc_arm_t *arm;
     const kc_terms_t *terms;
-    const kc_camera_t
-        *camera; /* the errors that it states explain residuals, q_wxyz is used then whatever has_rot says;
-                                  NULL: it is exact */
+    /* its stated errors explain residuals; q_wxyz is used then whatever has_rot says. NULL: it is exact */
+    const kc_camera_t *camera;
     kc_est_opt_t opt;
     uint32_t n_obs;
     /* hold_none: every requested coefficient is estimated; the weak prior decides what the data do not
@@ -162,6 +161,12 @@ kc_status_t kc_est_solve(kc_est_t *est);
  * is what kc_est_solve returns; outputs are valid only then. Nothing of the inputs may change between. */
 void kc_est_begin(kc_est_t *est);
 bool kc_est_step(kc_est_t *est, kc_work_t *work);
+
+/* From the first observation, when the camera's drift is taken to begin, to observation i. */
+double kc_est_since_s(const kc_est_t *est, uint32_t i);
+/* kc_camera_chain of a camera at observation i. */
+void kc_est_chain_motion(const kc_est_t *est, const kc_camera_t *camera, uint32_t i,
+                         double H[KC_CHAIN_COUNT][6]);
 
 /* Covariance (6x6, row-major) of the predicted tool pose at ctx with the solved estimate; fixed: of est->coef. */
 uint64_t kc_est_pose_cov_cost(const kc_est_t *est); /* bound of its instructions */
