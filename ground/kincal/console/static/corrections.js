@@ -1,6 +1,6 @@
 // Corrections that were proposed: see, question, decide. The same page as `kincal review show`, the same steps as
 // `kincal review arm`, `go`, `reject`.
-import { el, fixed, mark, mission, show } from "./dom.js";
+import { el, fixed, mark, mission, prose, show } from "./dom.js";
 import { confirmed } from "./confirm.js";
 import { document_, grid } from "./document.js";
 import { question } from "./benchmore.js";
@@ -129,7 +129,7 @@ async function load() {
   try {
     found = await ask(`review/${encodeURIComponent(crc)}`);
   } catch (error) {
-    if (parts && crc === chosen) { show(parts.review, el("p", { class: "bad" }, error.message)); show(parts.decide); }
+    if (parts && crc === chosen) { show(parts.review, el("p", { class: "bad" }, ...prose(error.message))); show(parts.decide); }
     return;
   }
   if (!parts || crc !== chosen) return;

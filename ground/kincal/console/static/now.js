@@ -212,7 +212,7 @@ function poses(rows) {
     },
   });
   show(parts.poses, el("table", {},
-    el("thead", {}, el("tr", {}, ["pose", "candidate", "res. mm", "mrad", "pred. mm", "rank"].map((t) => el("th", { class: "n" }, t)))),
+    el("thead", {}, el("tr", {}, [["pose"], ["cand.", "candidate of the search space"], ["res. mm", "residual, position"], ["mrad", "residual, rotation"], ["pred. mm", "predicted error, 1 sigma"], ["rank", "of the coefficients asked for"]].map(([t, title]) => el("th", { class: "n", title }, t)))),
     el("tbody", {}, rows.slice().reverse().map((p) => el("tr", {},
       [p.pose, p.candidate, fixed(p.res_mm, 2), fixed(p.res_mrad, 2), fixed(p.pred_mm, 2), `${p.rank}/${p.free}`].map((t) => el("td", { class: "n" }, String(t))))))));
 }
