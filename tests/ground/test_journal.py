@@ -354,6 +354,13 @@ def test_a_line_that_was_cut_by_a_power_loss_is_named(journal, file):
     assert refused.value.where == f"{journal}:3"
 
 
+@pytest.mark.parametrize("end", [b"\r\n", b"\r", b"\n\n"])
+def test_other_ends_of_line_are_a_change(journal, file, end):
+    journal.write_bytes(journal.read_bytes().replace(b"\n", end))
+    with pytest.raises(BadInput, match="damaged|changed"):
+        read(journal, file)
+
+
 def test_a_journal_that_is_a_link_or_a_pipe_is_refused(tmp_path, file):
     target = tmp_path / "target"
     target.write_text("")

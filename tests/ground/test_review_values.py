@@ -47,6 +47,10 @@ def signer():
         (" ", "w", False),
         ("A", "\t", False),
         ("A\nB", "w", False),
+        ("A\rB", "w", False),
+        ("A\u2028B", "w", False),
+        ("A\u200bB", "w", False),  # looks like AB
+        ("Zoë Ünal", "w", True),
         ("A", "\ud800", False),
         ("\udfff", "w", False),
     ],

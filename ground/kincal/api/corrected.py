@@ -497,7 +497,7 @@ def _reached(
     groups = [
         Reach("candidates", "reached with tags in view", n, True, lost, {}),
         Reach("local initial poses", "with a tag in view", len(table.q_rad) - n, True, local, {}),
-        Reach("stops on segments", "with tags in view", len(stops), False, _unseen(arm, stops), {}),
+        Reach("stops along segments", "with tags in view", len(stops), False, _unseen(arm, stops), {}),
     ]
     return groups, reached
 

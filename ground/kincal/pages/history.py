@@ -77,7 +77,7 @@ def journal_grid(entries: Sequence[Entry]) -> Grid:
         when = e.time.replace("T", " ").replace("+00:00", "")
         rows.append([when, e.words, e.crc, e.by, str(e.key_id or ""), why])
     rest = len(entries) - len(rows)
-    note = f"{rest} older lines: `kincal audit log`" if rest > 0 else ""
+    note = f"{rest} older entries: `kincal audit log`" if rest > 0 else ""
     return Grid.of("<UTC|<what|<CRC|<by|key|<why", rows, note)
 
 

@@ -100,7 +100,7 @@ def _changes(c: Changes) -> list[Section]:
         for row in c.rows
     ]
     note = "" if c.old_known else "The table in force is not at hand: changes are those from the nominal arm."
-    columns = "<coefficient|old|new ± 1 sigma|change|of its bound|<rests on"
+    columns = "<coefficient|old|new ± 1 sigma|change|of its bound|<determined by"
     out = [Section("changes", "What changes", grid=Grid.of(columns, rows, note))]
     if c.tool:
         shifts = [

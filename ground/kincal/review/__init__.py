@@ -325,10 +325,15 @@ def check_words(by: str, why: str) -> None:
     rewritten."""
     if not by.strip() or not why.strip():
         raise BadInput("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
-    if len(by) > _MOST_NAME or "\n" in by or len(why) > _MOST_WORDS:
+    if len(by) > _MOST_NAME or len(why) > _MOST_WORDS:
         raise BadInput(
             "the name or the reason is too long for the journal",
-            todo=f"a name has one line and up to {_MOST_NAME} characters, a reason up to {_MOST_WORDS}",
+            todo=f"a name has up to {_MOST_NAME} characters, a reason up to {_MOST_WORDS}",
         )
     if any("\ud800" <= letter <= "\udfff" for letter in by + why):
         raise BadInput("the name or the reason is no text", todo="write it in UTF-8")
+    if not by.isprintable():
+        raise BadInput(
+            f"the name holds a line break or another character that is not shown: {by!r}",
+            todo="write it in one line of letters that are shown",
+        )

@@ -58,7 +58,7 @@ class KinValues:
 class Change:
     """One coefficient. joint: from 1, 0 if it belongs to none; old: None if the table before is not at hand;
     sigma: 0 if it was not estimated; share: of the bound on the new value's side, NaN without a bound;
-    source: what the new value rests on."""
+    source: what determines the new value."""
 
     name: str
     unit: str
@@ -358,14 +358,14 @@ def _change(name: str, old: float | None, new: float, sigma: float, bound: float
 
 
 def _source(status: str, sigma: float, prior: float) -> str:
-    """What a value rests on: the share of the information that the data brought, beside the prior."""
+    """What determines a value: the share of the information that the data brought, beside the prior."""
     if status in ("held", "masked"):
         return f"{status}: kept as it was"
     if sigma <= 0.0:
         return status
     data = 1.0 if prior <= 0.0 else max(0.0, 1.0 - (sigma / prior) ** 2)
-    rests = "data" if data >= _DATA else "prior" if data <= _PRIOR else f"data {data:.0%}, prior"
-    return f"{rests}, {status}" if status.startswith("at ") else rests
+    by = "data" if data >= _DATA else "prior" if data <= _PRIOR else f"data {data:.0%}, prior"
+    return f"{by}, {status}" if status.startswith("at ") else by
 
 
 def _shifts(flown: Flown | None, old: Sequence[float] | None, new: Sequence[float]) -> list[ToolShift]:

@@ -183,7 +183,7 @@ def append(path: Path, entry: Entry, signer: Signer) -> Entry:
         before = _parsed(path, raw, signer.known)
         entry = dataclasses.replace(
             entry,
-            previous=_hash(raw.splitlines()[-1]) if raw else "",
+            previous=_hash(_lines(raw)[-1]) if raw else "",
             key_id=signer.key.id,
             counter=signer.counters.get(_ground(), 0),
             unconfirmed=before.unconfirmed,
@@ -338,13 +338,19 @@ def _hash(line: bytes) -> str:
     return hashlib.sha256(line).hexdigest()
 
 
+def _lines(raw: bytes) -> list[bytes]:
+    """Without their ends. Only at what `append` writes: another end of line is a change of the line."""
+    lines = raw.split(b"\n")
+    return lines if lines[-1] else lines[:-1]
+
+
 def _parsed(path: Path, raw: bytes, keys: Sequence[Key]) -> Journal:
     """The chain, and the MACs that can be checked."""
     known = {key.id: key for key in keys}
     entries: list[Entry] = []
     before, confirmed = "", 0
     newest: dict[int, int] = {}
-    for n, line in enumerate(raw.splitlines(), 1):
+    for n, line in enumerate(_lines(raw), 1):
         where = f"{path}:{n}"
         entry = _entry(line, where)
         if entry.previous != before:

@@ -204,7 +204,7 @@ class _Search:
         segments = [(hubs[h], q) for h, q in zip(found.hub, found.q_rad, strict=True)]
         for i, places in enumerate(self.pool.map(stops_on, segments) if most else ()):
             out[i, : len(places)] = places
-            self.progress("stops on segments", i + 1, total)
+            self.progress("stops along segments", i + 1, total)
         return out
 
 

@@ -162,7 +162,7 @@ def what_changes(out: Console, c: Changes, confounded: Mapping[str, Sequence[str
     """The size in one sentence, each value old and new, where the tool goes, what the data do not tell
     apart."""
     out.print(f"[bold {'yellow' if c.big else 'default'}]{escape(c.headline)}[/]", soft_wrap=True)
-    columns = ("coefficient", "old", "new ± sigma", "change", "of its bound", "rests on", "confounded with")
+    columns = ("coefficient", "old", "new ± sigma", "change", "of its bound", "determined by", "confounded with")
     rows = grid("\nWhat changes", *columns, right=(1, 2, 3, 4))
     for row in c.rows:
         change = f"[yellow]{row.delta_text}[/]" if row.big else row.delta_text
