@@ -5,7 +5,8 @@
 #include "kc_storing.h"
 
 #define TICK_US 100000u       /* what counts as elapsed where the clock stands still or steps */
-#define CLOCK_GAP_US 2000000u /* the clock moved on by more than this: it was set */
+#define CLOCK_GAP_US \
+    2000000u /* the clock moved on by more than this: it was set; it is behind by more: too slow */
 
 kc_app_t kc_app_instance;
 
@@ -210,6 +211,17 @@ void kc_app_boot(kc_app_t *app)
 
 /* ---- one step ---- */
 
+/* A clock that advances, but hardly: once it is behind the steps by CLOCK_GAP_US, elapsed time makes up for it. */
+static void keep_up(kc_clock_t *clock, uint64_t passed, kc_out_t *out)
+{
+    const uint64_t steps_us = clock->behind_us + TICK_US;
+    clock->behind_us = steps_us > passed ? steps_us - passed : 0u;
+    if (clock->behind_us <= CLOCK_GAP_US) { return; }
+    kc_event(&out->events, KC_EVT_TIME_SLOW, -1, (double)clock->behind_us, 0.0);
+    clock->now_us += clock->behind_us;
+    clock->behind_us = 0u;
+}
+
 /* Elapsed time goes on whatever the clock does: where that stands still or steps, a step of the process
  * counts as one tick, so that silence and time-outs are noticed. */
 static void take_time(kc_clock_t *clock, uint64_t clock_us, kc_out_t *out)
@@ -220,7 +232,9 @@ static void take_time(kc_clock_t *clock, uint64_t clock_us, kc_out_t *out)
         kc_event(&out->events, KC_EVT_TIME_STEP, -1, (double)clock_us, (double)clock->clock_us);
         passed = 0u;
     }
-    clock->now_us += passed > 0u ? passed : TICK_US;
+    passed = passed > 0u ? passed : TICK_US;
+    clock->now_us += passed;
+    keep_up(clock, passed, out);
     clock->clock_us = clock_us;
 }
 
@@ -228,7 +242,7 @@ static void first_step(kc_app_t *app, uint64_t clock_us, kc_out_t *out)
 {
     out->events = app->boot_events;
     app->stepped = true;
-    app->clock = (kc_clock_t){clock_us, clock_us};
+    app->clock = (kc_clock_t){clock_us, clock_us, 0u};
     app->hk.due_us = clock_us;
     if (app->place.state != KC_ST_SAFE) { return; }
     app->move.foreign = true; /* the arm may still follow the last run */

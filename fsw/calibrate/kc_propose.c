@@ -189,6 +189,9 @@ kc_outcome_t kc_propose_run(kc_evaluated_t *evaluated, kc_evaluation_t *evaluati
         return kc_outcome(KC_OC_DONE);
     }
     if (p->verdict == (int32_t)KC_VERDICT_POOR) {
+        if (kc_verdict_newest_rejected(view->est)) {
+            kc_event(&out->events, KC_EVT_CAL_CHANGED, (int32_t)p->n_poses, 0.0, 0.0);
+        }
         kc_event(&out->events, KC_EVT_CAL_POOR, -1, p->p_fit, p->noise_scale);
     } else {
         *accepted = acceptable(evaluated, view, p) && kc_tbl_kin_fits(tables, &p->kin, &out->events) == KC_OK;

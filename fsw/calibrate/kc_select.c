@@ -7,6 +7,7 @@
 #include "kc_libm.h"
 #include "kc_local.h"
 #include "kc_move.h"
+#include "kc_verdict.h"
 
 #define PREDICT_ITER_MAX 8u /* enough for an approximate solution */
 
@@ -295,6 +296,16 @@ static kc_ended_t at_its_end(const kc_view_t *view)
                                                                         : KC_ENDED_POSES;
 }
 
+/* Whether another pose is to tell a bad detection at the newest one from an arm that has changed since the others. */
+static bool once_more(kc_plan_t *plan, const kc_view_t *view, kc_ended_t ended, kc_out_t *out)
+{
+    if (ended != KC_ENDED_POSES || !kc_verdict_newest_rejected(view->est) || !kc_plan_more(plan)) {
+        return false;
+    }
+    kc_event(&out->events, KC_EVT_CAL_NEWEST_REJECTED, (int32_t)plan->n_meas, 0.0, 0.0);
+    return true;
+}
+
 void kc_select_begin(kc_arena_calibration_t *arena) { arena->choice = (kc_choice_t){0}; }
 
 /* Observations that an arm inside its bounds hardly gives. */
@@ -321,7 +332,9 @@ static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration
         return kc_abort_for(KC_CAUSE_TAGS_NOT_DETECTED);
     }
     kc_ended_t ended = at_its_end(view);
-    if (ended != KC_ENDED_NOT) { return finish(cal, view, ended, KC_CAUSE_NO_CANDIDATE); }
+    if (ended != KC_ENDED_NOT && !once_more(plan, view, ended, out)) {
+        return finish(cal, view, ended, KC_CAUSE_NO_CANDIDATE);
+    }
     cal->acq_value = 0.0;
     cal->chosen_by = -1;
     ch->initial = kc_plan_local(plan, s, ch->eligible);

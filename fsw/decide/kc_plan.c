@@ -38,7 +38,7 @@ void kc_plan_start(kc_plan_t *plan, const kc_space_t *space, const kc_config_t *
 
 void kc_plan_by_table(kc_plan_t *plan, const kc_space_t *space, const kc_config_t *config)
 {
-    kc_plan_start(plan, space, config, plan->n_own);
+    kc_plan_start(plan, space, config, plan->n_own - plan->n_more);
     plan->by_information = false;
     plan->n_goal = goal(plan, space, 0u);
 }
@@ -53,6 +53,16 @@ bool kc_plan_no_tags(const kc_plan_t *plan, const kc_space_t *space, const kc_co
 bool kc_plan_complete(const kc_plan_t *plan, const kc_space_t *space)
 {
     return plan->n_meas >= goal(plan, space, 0u) || plan->n_obs >= KC_MEAS_MAX;
+}
+
+bool kc_plan_more(kc_plan_t *plan)
+{
+    if (plan->n_more == KC_PLAN_MORE_MAX || plan->n_meas >= KC_MEAS_MAX || plan->n_obs >= KC_MEAS_MAX) {
+        return false;
+    }
+    plan->n_more++;
+    plan->n_own++;
+    return true;
 }
 
 bool kc_plan_enough(const kc_plan_t *plan)

@@ -8,6 +8,9 @@
 
 #include "kc_tables.h"
 
+/* Poses beyond those requested: enough to tell one bad detection from an arm that has changed. */
+#define KC_PLAN_MORE_MAX 2u
+
 /* Where an observation was taken. */
 typedef enum {
     KC_AT_CANDIDATE = 0, /* it is that of a pose */
@@ -18,7 +21,8 @@ typedef enum {
 
 typedef struct {
     uint32_t n_min;            /* fewest of them that a proposal needs */
-    uint32_t n_own;            /* poses requested, local initial poses not counted */
+    uint32_t n_own;            /* poses requested, local initial poses not counted; with n_more */
+    uint32_t n_more;           /* poses beyond those requested */
     uint32_t n_goal;           /* poses in all, as far as is known */
     uint32_t n_meas;           /* measured */
     uint32_t n_obs;            /* observations: of these, and on the way to poses */
@@ -43,6 +47,8 @@ void kc_plan_by_table(kc_plan_t *plan, const kc_space_t *space, const kc_config_
 bool kc_plan_no_tags(const kc_plan_t *plan, const kc_space_t *space, const kc_config_t *config);
 /* Everything that was requested is measured, or no more observations can be held. */
 bool kc_plan_complete(const kc_plan_t *plan, const kc_space_t *space);
+/* One pose beyond those requested; false if KC_PLAN_MORE_MAX were added already, or no more can be held. */
+bool kc_plan_more(kc_plan_t *plan);
 /* Measured enough for a proposal: local initial poses alone never are. */
 bool kc_plan_enough(const kc_plan_t *plan);
 /* Next pose that is not the acquisition's to choose: an initial pose or a replicate; false if there is none.

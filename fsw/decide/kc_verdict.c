@@ -17,13 +17,18 @@ bool kc_verdict_all_rejected(const kc_est_t *est)
     return est->opt.outlier_max > 0u && est->n_outliers >= est->opt.outlier_max;
 }
 
+bool kc_verdict_newest_rejected(const kc_est_t *est)
+{
+    return est->n_obs > 0u && est->outlier[est->n_obs - 1u] != 0u;
+}
+
 static bool many_rejected(const kc_est_t *est) { return REJECTED_PART * est->n_outliers > est->n_obs; }
 
 static bool poor(const kc_config_t *config, const kc_est_t *est, kc_status_t status,
                  const kc_verdict_fit_t *fit)
 {
     bool all_rejected = kc_verdict_all_rejected(est);
-    return status != KC_OK || est->dof == 0u || many_rejected(est) ||
+    return status != KC_OK || est->dof == 0u || many_rejected(est) || kc_verdict_newest_rejected(est) ||
            fit->noise_scale > config->poor_noise_scale ||
            ((fit->noise_scale > config->poor_noise_scale_unlikely || all_rejected) &&
             fit->p_fit < config->poor_p_fit);

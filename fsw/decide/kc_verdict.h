@@ -16,15 +16,18 @@ double kc_verdict_p_no_change(double chi2_gain, double noise_scale, uint32_t ran
 /* As many poses are rejected as the table allows: more may be bad, and took part in the fit. */
 bool kc_verdict_all_rejected(const kc_est_t *est);
 
+/* The newest observation is rejected: the arm or its camera may have changed since the others were taken. */
+bool kc_verdict_newest_rejected(const kc_est_t *est);
+
 /* How well the estimate explains the poses, the stated errors of the camera chain taken into account. */
 typedef struct {
     double noise_scale; /* of the residuals that the chain does not explain */
     double p_fit, p_no_change;
 } kc_verdict_fit_t;
 
-/* POOR: the estimator did not finish, too many poses were rejected, or the residuals are beyond what the stated noise and camera chain can
- * explain, also without as many poses as may be rejected. Noise somewhat larger than stated is no reason: sigma is
- * scaled by it. */
+/* POOR: the estimator did not finish, too many poses or the newest one were rejected, or the residuals are beyond what
+ * the stated noise and camera chain can explain, also without as many poses as may be rejected. Noise somewhat larger
+ * than stated is no reason: sigma is scaled by it. */
 kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_status_t status,
                         const kc_verdict_fit_t *fit, bool tested_early);
 

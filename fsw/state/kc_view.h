@@ -18,6 +18,7 @@
 typedef struct {
     uint64_t now_us;   /* elapsed time: every time-out counts in it, and no stamp of a message */
     uint64_t clock_us; /* mission time of the newest step */
+    uint64_t behind_us; /* by how much mission time advanced less than the number of steps says */
 } kc_clock_t;
 
 /* Where the sequencer stands. */

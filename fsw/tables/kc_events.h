@@ -318,6 +318,15 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "the stated errors of the camera chain alone leave the tool uncertain by {got:mm/mrad}, required "     \
       "{want:mm/mrad}",                                                                                      \
       "The calibration goes on. Measure tags and camera better, or require less.")                           \
+    X(143, CAL_NEWEST_REJECTED, WARN,                                                                        \
+      "pose {index:pose} would be the last one and is rejected as an outlier: one more is measured",         \
+      "None: the next poses show whether the arm has changed (CAL_CHANGED).")                                \
+    X(144, CAL_CHANGED, ERROR,                                                                               \
+      "the newest pose, {index:pose}, is rejected as an outlier: the arm or its camera may have changed "    \
+      "during the calibration",                                                                              \
+      "Reject the correction, find out what moved or slipped, and calibrate again.")                         \
+    X(145, TIME_SLOW, WARN, "mission clock is {got:s} behind the steps of the process, 100 ms each",         \
+      "Check the clock source. Elapsed time was corrected; messages are refused while clocks disagree.")     \
     X(150, CAL_EXTRA_OUTLIER, WARN,                                                                          \
       "observation {got:count}, on the way to pose {index:pose}, rejected as an outlier",                    \
       "None if rare; otherwise diagnose the log (kincal model diagnose).")                                   \

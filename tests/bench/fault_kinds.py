@@ -267,6 +267,32 @@ def encoder_slips_300_mrad(t, rng):
     return _slip(t, lambda _tick: size)
 
 
+class LastPoses:
+    """Hook that looks: since when at most so many poses are to come, as flight's progress says."""
+
+    def __init__(self, to_come: int) -> None:
+        self.to_come, self.tick = to_come, None
+
+    def __call__(self, tick: int, messages: Messages) -> Messages:
+        for channel, m in messages:
+            if self.tick is None and channel == "KC_PROGRESS" and m.pose >= m.n_goal - self.to_come:
+                self.tick = tick + 1
+        return messages
+
+    def began(self, tick: int) -> bool:
+        """Whether they have begun."""
+        return self.tick is not None and tick >= self.tick
+
+
+@kind("an encoder slips by 30 mrad before one of the last three poses", "CAL_CHANGED", *BAD_FIT)
+def encoder_slips_at_the_end(_t, rng):
+    size, last = _one_joint(0.03, rng), LastPoses(int(rng.integers(1, 4)))
+    slip = _slip(0, lambda tick: size if last.began(tick) else NO_BIAS)
+    moved = slip.hooks.from_flight
+    hooks = Hooks(slip.hooks.to_flight, lambda tick, messages: moved(tick, last(tick, messages)))
+    return Fault(hooks, slip_rad=slip.slip_rad)
+
+
 @kind("readings of all joints with 5 mrad of noise", *BAD_FIT)
 def encoder_noise(t, rng):
     noise = rng.normal(0.0, 5e-3, (997, 8))
@@ -538,6 +564,13 @@ def camera_knocked_20_mm(t, rng):
 def camera_knocked_3_mm(t, rng):
     offset = _direction(rng, 0.003)
     return _camera(t, lambda _since: (NONE, offset))
+
+
+@kind("the camera is knocked by 8 mm before one of the last three poses", "CAL_CHANGED", *KNOCKED)
+def camera_knocked_at_the_end(_t, rng):
+    offset, last = _direction(rng, 0.008), LastPoses(int(rng.integers(1, 4)))
+    knocked = _camera(0, lambda tick: (NONE, offset if last.began(tick) else NONE))
+    return Fault(Hooks(knocked.hooks.to_flight, last), seen=knocked.seen)
 
 
 @kind("the camera is knocked: turned by 5 mrad", *KNOCKED)

@@ -36,7 +36,7 @@ void given_app(void)
     kc_app_t *app = &kc_app_instance;
     kc_app_init(app);
     given_active(&app->tables.active);
-    app->clock = (kc_clock_t){PARTS_NOW_US, PARTS_NOW_US};
+    app->clock = (kc_clock_t){PARTS_NOW_US, PARTS_NOW_US, 0u};
     app->place.since_us = PARTS_NOW_US;
     app->input.telemetry.has_arm = app->input.telemetry.has_pantilt = true;
     app->input.telemetry.arm_ok_us = app->input.telemetry.pantilt_ok_us = PARTS_NOW_US;

@@ -421,6 +421,44 @@ void test_elapsed_time_goes_on_whatever_the_clock_does(void)
     }
 }
 
+/* A clock that creeps is found out after two seconds of steps, and elapsed time is that of the steps. */
+void test_elapsed_time_keeps_up_with_the_steps_where_the_clock_is_slow(void)
+{
+    static const uint64_t by_us[] = {1u, 10000u, 50000u, 99000u};
+    for (uint32_t k = 0u; k < sizeof by_us / sizeof by_us[0]; k++) {
+        const uint64_t behind_us = TICK_US - by_us[k];
+        const uint32_t late = (uint32_t)(2000000u / behind_us) + 1u;
+        uint64_t clock_us = 100000000u;
+        setUp();
+        kc_app_boot(APP);
+        step(clock_us);
+        for (uint32_t i = 1u; i < late; i++) {
+            step(clock_us += by_us[k]);
+            expect_none(KC_EVT_TIME_SLOW);
+        }
+        TEST_ASSERT_EQUAL_UINT64(clock_us, APP->clock.now_us);
+        step(clock_us += by_us[k]);
+        expect_came(KC_EVT_TIME_SLOW, -1, (double)(late * behind_us), 0.0);
+        TEST_ASSERT_EQUAL_UINT64(100000000u + (uint64_t)late * TICK_US, APP->clock.now_us);
+        TEST_ASSERT_EQUAL_UINT64(clock_us, APP->clock.clock_us);
+    }
+}
+
+/* Steps that come late and are made up for, as after a pause of the process, are no slow clock. */
+void test_steps_that_catch_up_are_no_slow_clock(void)
+{
+    uint64_t clock_us = 100000000u;
+    kc_app_boot(APP);
+    step(clock_us);
+    for (uint32_t round = 0u; round < 10u; round++) {
+        step(clock_us += 1000000u);
+        for (uint32_t i = 0u; i < 9u; i++) {
+            step(clock_us += i == 0u ? 0u : 1u);
+            expect_none(KC_EVT_TIME_SLOW);
+        }
+    }
+}
+
 void test_housekeeping_comes_with_the_first_step_and_then_once_a_second(void)
 {
     uint32_t n = 0u;

@@ -137,6 +137,35 @@ void test_it_is_complete_when_the_requested_poses_are_measured(void)
     TEST_ASSERT_TRUE(kc_plan_complete(&s_plan, &s_space));
 }
 
+void test_two_poses_may_come_beyond_those_requested(void)
+{
+    for (uint32_t i = 0u; i < 5u; i++) { measure(i); }
+    for (uint32_t i = 5u; i < 7u; i++) {
+        TEST_ASSERT_TRUE(kc_plan_more(&s_plan));
+        TEST_ASSERT_FALSE(kc_plan_complete(&s_plan, &s_space));
+        (void)kc_plan_choose(&s_plan, &s_space, i);
+        TEST_ASSERT_EQUAL_UINT32(i + 1u, s_plan.n_goal);
+        measure(i);
+        TEST_ASSERT_TRUE(kc_plan_complete(&s_plan, &s_space));
+    }
+    TEST_ASSERT_FALSE(kc_plan_more(&s_plan));
+    TEST_ASSERT_TRUE(kc_plan_complete(&s_plan, &s_space));
+    kc_plan_by_table(&s_plan, &s_space, &s_config); /* from the beginning: as many as requested */
+    TEST_ASSERT_EQUAL_UINT32(5u, s_plan.n_own);
+    TEST_ASSERT_TRUE(kc_plan_more(&s_plan));
+}
+
+void test_no_pose_more_comes_than_can_be_held(void)
+{
+    s_plan.n_meas = KC_MEAS_MAX;
+    TEST_ASSERT_FALSE(kc_plan_more(&s_plan));
+    s_plan.n_meas = KC_MEAS_MAX - 1u;
+    s_plan.n_obs = KC_MEAS_MAX;
+    TEST_ASSERT_FALSE(kc_plan_more(&s_plan));
+    s_plan.n_obs = KC_MEAS_MAX - 1u;
+    TEST_ASSERT_TRUE(kc_plan_more(&s_plan));
+}
+
 void test_local_initial_poses_alone_are_never_enough(void)
 {
     TEST_ASSERT_FALSE(kc_plan_enough(&s_plan));

@@ -390,6 +390,19 @@ void test_the_verdict_says_what_is_next_and_an_event_what_it_rests_on(void)
     TEST_ASSERT_EQUAL_INT(s_p->p_no_change > 0.45 ? KC_VERDICT_NO_CHANGE : KC_VERDICT_CHANGE, s_p->verdict);
 }
 
+void test_a_proposal_without_the_newest_pose_is_poor_and_says_that_the_arm_may_have_changed(void)
+{
+    estimated(0.01, 0.1, 0.0);
+    parts.est.outlier[parts.est.n_obs - 1u] = 1u;
+    proposed();
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, s_p->verdict);
+    TEST_ASSERT_FALSE(s_accepted);
+    TEST_ASSERT_EQUAL_UINT32(2u, parts.out.events.n);
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_CHANGED, parts.out.events.e[0].id);
+    TEST_ASSERT_EQUAL_INT((int32_t)s_p->n_poses, parts.out.events.e[0].index);
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_POOR, parts.out.events.e[1].id);
+}
+
 void test_coefficients_that_the_data_leave_open_are_named(void)
 {
     parts.tables.active.terms.term[23].gain = parts.tables.active.terms.term[5].gain = 0.0;

@@ -161,6 +161,37 @@ void test_it_ends_for_the_reason_that_there_is(void)
     TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, parts.cal.ended);
 }
 
+/* Two poses more tell a bad detection at the last pose from an arm that has changed. */
+void test_a_last_pose_that_is_rejected_is_followed_by_two_more_at_most(void)
+{
+    given_session();
+    parts.est.n_obs = 6u;
+    parts.est.outlier[5] = 1u;
+    for (uint32_t n = 6u; n < 8u; n++) {
+        parts.plan.n_meas = n;
+        parts.out.events.n = 0u;
+        TEST_ASSERT_NOT_EQUAL(KC_OC_FINISH, selected().id);
+        TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_NEWEST_REJECTED, parts.out.events.e[0].id);
+        TEST_ASSERT_EQUAL_INT((int32_t)n, parts.out.events.e[0].index);
+    }
+    parts.plan.n_meas = 8u;
+    parts.out.events.n = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, selected().id);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, parts.cal.ended);
+    TEST_ASSERT_EQUAL_UINT32(0u, parts.out.events.n);
+}
+
+void test_another_end_is_not_put_off_by_a_rejected_pose(void)
+{
+    given_session();
+    parts.est.n_obs = 6u;
+    parts.est.outlier[5] = 1u;
+    parts.plan.n_meas = 5u;
+    parts.plan.n_obs = KC_MEAS_MAX;
+    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, selected().id);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_OBSERVATIONS, parts.cal.ended);
+}
+
 /* While only local initial poses were measured, the choice is among those of them that were not begun. */
 void test_the_next_local_initial_pose_is_chosen_among_local_ones(void)
 {

@@ -87,6 +87,22 @@ void test_a_fit_of_what_is_left_when_a_quarter_is_rejected_is_poor(void)
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, verdict(0.9, 0.0));
 }
 
+/* An encoder that slips before the last pose leaves all the others in agreement, and p near 1. */
+void test_a_fit_that_rejects_the_newest_observation_is_poor(void)
+{
+    s_est.n_outliers = 1u;
+    s_est.outlier[18] = 1u;
+    TEST_ASSERT_FALSE(kc_verdict_newest_rejected(&s_est));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, verdict(0.9, 0.0));
+    s_est.outlier[18] = 0u;
+    s_est.outlier[19] = 1u;
+    TEST_ASSERT_TRUE(kc_verdict_newest_rejected(&s_est));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, verdict(0.9, 0.0));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, verdict(0.9, 0.9));
+    s_est.n_obs = 0u;
+    TEST_ASSERT_FALSE(kc_verdict_newest_rejected(&s_est));
+}
+
 void test_the_improvement_counts_in_units_of_the_noise_and_against_the_rank(void)
 {
     /* two degrees of freedom: the upper tail is exp(-x / 2) */
