@@ -28,7 +28,7 @@ from kincal.console.memory import Memory
 from kincal.console.picture import Clock, Cursor, Picture
 from kincal.console.sources import Recording
 from kincal.operate.recording import Recorder
-from kincal_shared.errors import NoAnswer
+from kincal_shared.errors import BadInput, NoAnswer
 from kincal_sim.ports import private_port, private_url
 
 
@@ -139,6 +139,20 @@ def test_a_proposal_with_other_values_does_not_stand_in_for_the_one_that_waits(p
     assert picture.proposal(f"{CRC:08x}") is true
     assert [r["name"] for r in picture.rows] == ["WRONG_PROPOSAL"] * 2
     assert len(picture.snapshot()[0]["values"]["inbox"]["data"]) == 1
+
+
+def test_of_two_proposals_that_differ_beside_their_crc_none_is_decided_by(picture):
+    """A copy with a better p of the fit took the reasons to reject away."""
+    true, again, forged = proposal(), proposal(), proposal()
+    forged.p_fit = true.p_fit + 0.5
+    for message in (true, again):
+        picture.add("KC_PROPOSAL", message)
+    assert not picture.rows and not picture.disputed
+    picture.add("KC_PROPOSAL", forged)
+    assert picture.proposal(f"{CRC:08x}").p_fit == true.p_fit
+    assert [r["name"] for r in picture.rows] == ["WRONG_PROPOSAL"]
+    with pytest.raises(BadInput, match="two messages of correction .* say different things"):
+        Desk("memq://", None, None, BIN, picture).see(f"{CRC:08x}", "A")
 
 
 # ---- ABORT

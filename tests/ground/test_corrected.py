@@ -263,6 +263,42 @@ def test_what_one_person_knows_of_the_clearance_counts_for_everybody(too_near, o
     assert [c.arg_i[1] for c in flight.commands] == [0, 1, 0]
 
 
+def test_a_second_step_with_another_journal_needs_the_override_too(too_near, own_key_file, tmp_path):
+    """What B. saw counts although B.'s journal does not hold what A.'s first step overrides."""
+    _, p = too_near
+    signer, plain = signer_of(own_key_file), from_message(p, [])
+    text, here, elsewhere = plain.crc_text, tmp_path / "a.jsonl", tmp_path / "b.jsonl"
+    flight = DirectFlight(signer).waits(plain.crc)
+    a = decisions.Operator("A", "fine\narmed by the flight director", here)
+    decisions.see(here, plain, "A", Path("run.lcmlog"), signer)
+    decisions.arm(flight, text, a)
+    for file in (here, elsewhere):
+        decisions.see(file, replace(plain, against=("too near",)), "B", Path("run.lcmlog"), signer)
+    with pytest.raises(BadInput, match="reasons to reject.*too near"):
+        decisions.go(flight, text, decisions.Operator("B", "why", elsewhere))
+    with pytest.raises(BadInput, match="A has taken the first step, and said what it overrides: nothing"):
+        decisions.go(flight, text, decisions.Operator("B", "why", here), override="far enough")
+    assert len(flight.commands) == 1
+    said = []
+    decisions.go(
+        flight, text, decisions.Operator("B", "why", elsewhere, say=said.append), override="far\nenough"
+    )
+    assert "by override: far enough" in said and len(flight.commands) == 2
+    assert journal.read(elsewhere, signer.known).entries[-1].override == "far\nenough"
+
+
+def test_words_of_the_first_step_are_one_line_of_the_second(too_near, own_key_file):
+    _, p = too_near
+    signer, plain = signer_of(own_key_file), from_message(p, [])
+    file, said = journal.place(None, own_key_file), []
+    flight = DirectFlight(signer).waits(plain.crc)
+    decisions.see(file, plain, "A", Path("run.lcmlog"), signer)
+    decisions.arm(flight, plain.crc_text, decisions.Operator("A", "fine\nby override: accepted", file))
+    decisions.go(flight, plain.crc_text, decisions.Operator("A", "why", file, say=said.append))
+    assert any(line.startswith("armed by A") and line.endswith("fine by override: accepted") for line in said)
+    assert not [line for line in said if "\n" in line]
+
+
 @pytest.fixture
 def desk(too_near, own_key_file, beyond):
     """A console where the clearance is there at once; how far it is can be set."""

@@ -1,7 +1,9 @@
 """Approval by two persons, each with a key of his own: key files, journal, commands, consoles."""
 
 import json
+from contextlib import closing
 
+import lcm
 import pytest
 from commands import shell as cli
 from waiting_flight import WaitingFlight
@@ -102,6 +104,21 @@ def write(path, key_file, n=1):
         journal.append(
             path, journal.Entry("t", "comment", "", "me", "why", None, "", {}), keys.signer_of(key_file)
         )
+
+
+def test_a_log_with_two_different_messages_of_a_correction_is_not_decided_by(flight, tmp_path):
+    """A copy with a better p of the fit under the same CRC took the reasons to reject away."""
+    for name, p_fit in (("again", None), ("forged", 0.61)):
+        with closing(lcm.EventLog(str(tmp_path / name), "w")) as out:
+            for e in lcm.EventLog(str(flight.made.log), "r"):
+                out.write_event(e.timestamp, e.channel, e.data)
+                if e.channel == "KC_PROPOSAL":
+                    m = kcm.proposal_t.decode(e.data)
+                    m.p_fit = m.p_fit if p_fit is None else p_fit
+                    out.write_event(e.timestamp, e.channel, m.encode())
+    assert find(tmp_path / "again", flight.made.text, flight.tables).crc_text == flight.made.text
+    with pytest.raises(BadInput, match="two messages of correction .* say different things"):
+        find(tmp_path / "forged", flight.made.text, flight.tables)
 
 
 def test_two_holders_write_into_one_journal_by_turns(tmp_path):

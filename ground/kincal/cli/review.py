@@ -290,14 +290,15 @@ def decision_options(command: Command) -> Command:
     return command
 
 
+def override_option(more: str) -> Callable[[Command], Command]:
+    """The option of a reason; more: what it is for, or what becomes of it."""
+    words = f"Why it is approved in spite of the reasons to reject it: {more}."
+    return click.option("--override", default="", metavar="REASON", help=words)
+
+
 @review.command("arm")
 @decision_options
-@click.option(
-    "--override",
-    default="",
-    metavar="REASON",
-    help="Why it is approved in spite of the reasons to reject it: signed, and kept in the journal.",
-)
+@override_option("signed, and kept in the journal")
 def review_arm(crc: str, override: str, **given: Unpack[Decision]) -> None:
     """Approve the correction that waits on board, first step: flight is armed for this CRC, for the time that
     CONFIG says (ten minutes as shipped). Nothing is in force before `kincal review go`.
@@ -323,12 +324,14 @@ def review_arm(crc: str, override: str, **given: Unpack[Decision]) -> None:
 
 @review.command("go")
 @decision_options
-def review_go(crc: str, **given: Unpack[Decision]) -> None:
+@override_option("for a first step that is in another journal")
+def review_go(crc: str, override: str, **given: Unpack[Decision]) -> None:
     """Approve the correction that waits on board, second step: it comes in force.
 
     It is refused if the approval is not armed or has expired (`kincal review arm`), or if the person named by
     --by has not seen the correction. That may be another person than the one who armed it; where CONFIG asks
-    for two persons (go_by_other_key), it has to be, with a key file of his own.
+    for two persons (go_by_other_key), it has to be, with a key file of his own. If there are reasons to
+    reject it, the first step has to override them; if that is in another journal, --override says why here.
 
     \b
     Examples:
@@ -341,7 +344,7 @@ def review_go(crc: str, **given: Unpack[Decision]) -> None:
         _dry_run("go", crc, given)
         return
     with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
-        decisions.go(up, crc, _operator(given))
+        decisions.go(up, crc, _operator(given), override=override)
 
 
 @review.command("reject")

@@ -35,6 +35,7 @@ from kincal.review import (
     parse_crc,
     reasons_to_reject,
     record,
+    two_messages,
 )
 from kincal.review.residuals import PoseResidual, residuals
 from kincal.review.status import Status, status
@@ -350,6 +351,8 @@ class Desk:
         message = self.picture.proposal(crc)
         if message is None:
             raise BadInput(f"correction {crc} was not heard by this console", todo="open its recording")
+        if unsigned32(message.crc) in self.picture.disputed:
+            raise two_messages(unsigned32(message.crc), self.url)
         return from_message(message, coef_names(self.tables_dir, unsigned32(message.crc_terms)))
 
     def _reasons(self, found: Review, seen: Sequence[journal.Entry]) -> list[str]:

@@ -113,6 +113,7 @@ class Picture:
     rows: deque[Plain] = field(default_factory=lambda: deque(maxlen=KEPT))
     n_rows: int = 0
     proposals: dict[int, Proposal] = field(default_factory=dict)
+    disputed: set[int] = field(default_factory=set)  # CRCs of which two messages say different things
     _values: dict[str, _Value] = field(default_factory=dict)
     _poses: _Value | None = None
     _sessions: dict[int, Session] = field(default_factory=dict)
@@ -201,9 +202,15 @@ class Picture:
             text = f"a message on this network names correction {crc_text(message.crc)}, and has other values"
             self._note("error", "WRONG_PROPOSAL", f"{text}: it is not shown")
             return
+        session = self._sessions.setdefault(message.session, Session(message.session))
+        session.propose(message)
+        if session.disputed:
+            text = f"two messages of correction {crc_text(message.crc)} say different things of it"
+            self._note("error", "WRONG_PROPOSAL", f"{text}: nobody can decide by them")
+            self.disputed.add(unsigned32(message.crc))
+            return
         self.proposals.pop(message.crc, None)
         self.proposals[message.crc] = message
-        self._sessions.setdefault(message.session, Session(message.session)).proposal = message
         for old in list(self.proposals)[:-PROPOSALS]:
             del self.proposals[old]
 
@@ -225,7 +232,7 @@ class Picture:
             hk = self._values.get("KC_HK")
             out = LogSummary(self.geometry.tables.path, events=list(self._events))
             out.sessions = {
-                n: Session(n, list(s.progress), list(s.measurements), s.proposal)
+                n: Session(n, list(s.progress), list(s.measurements), s.proposal, s.disputed)
                 for n, s in self._sessions.items()
             }
             out.hk = hk.message if hk else None

@@ -60,6 +60,15 @@ class Session:
     progress: list[Progress] = field(default_factory=list)
     measurements: list[Meas] = field(default_factory=list)
     proposal: Proposal | None = None
+    disputed: bool = False  # another message of the same correction says something else of it
+
+    def propose(self, m: Proposal) -> None:
+        """Take a proposal. Flight says the same of a correction each time: where two messages differ, a stranger
+        sent one of them, and the first one stays."""
+        if self.proposal is not None and self.proposal.crc == m.crc:
+            self.disputed |= not alike(self.proposal, m)
+        else:
+            self.proposal, self.disputed = m, False
 
     def went_on(self, m: Progress) -> None:
         """Add a pose. If there was one with its number, the calibration began again there."""
@@ -87,6 +96,11 @@ class Session:
             "last_pred_pos_m": self.progress[-1].pred_pos_m if self.progress else None,
             "proposal": None if self.proposal is None else proposal_dict(self.proposal),
         }
+
+
+def alike(one: Proposal, other: Proposal) -> bool:
+    """Whether two messages of a correction say the same; its CRC covers the values and their sigmas alone."""
+    return all(getattr(one, name) == getattr(other, name) for name in type(one).__slots__)
 
 
 def proposal_dict(proposal: Proposal) -> dict[str, Any]:
@@ -151,7 +165,7 @@ class LogSummary:
         elif channel == "KC_MEAS":
             self.session(m.session).measure(m)
         elif channel == "KC_PROPOSAL":
-            self.session(m.session).proposal = m
+            self.session(m.session).propose(m)
         elif channel == "KC_EVENT":
             self.events.append(LogEvent.of(m))
         elif channel == "KC_ACK":

@@ -15,7 +15,7 @@ import numpy as np
 
 from kincal.flight import Terms, library
 from kincal.flight.tables import decode_as, encode
-from kincal.link import estimated_sigma, read_log, unpack_covariance, unsigned32
+from kincal.link import crc_text, estimated_sigma, read_log, unpack_covariance, unsigned32
 from kincal.link.names import (
     VERDICTS,
     coef_status_name,
@@ -262,15 +262,28 @@ def coef_names(tables_dir: Path, terms_crc: int = 0) -> list[str]:
 
 def find(path: Path, crc: str | None, tables_dir: Path) -> Review:
     """A proposal of a log by CRC, or the last one."""
-    found = [s.proposal for s in read_log(path).sessions.values() if s.proposal is not None]
-    if crc is not None:
-        wanted = parse_crc(crc)
-        found = [p for p in found if unsigned32(p.crc) == wanted]
-    if not found:
+    sessions = [s for s in read_log(path).sessions.values() if s.proposal is not None]
+    wanted = None if crc is None else parse_crc(crc)
+    held = [(s.proposal, s.disputed) for s in sessions if s.proposal is not None]
+    held = [(p, disputed) for p, disputed in held if wanted in (None, unsigned32(p.crc))]
+    if not held:
         raise BadInput(
             "no such proposal in the log", str(path), "`kincal review list LOG` names what is there"
         )
-    return from_message(found[-1], coef_names(tables_dir, unsigned32(found[-1].crc_terms)))
+    proposal, disputed = held[-1]
+    if disputed:
+        raise two_messages(unsigned32(proposal.crc), str(path))
+    return from_message(proposal, coef_names(tables_dir, unsigned32(proposal.crc_terms)))
+
+
+def two_messages(crc: int, where: str) -> BadInput:
+    """The error where messages of one correction differ in what its CRC does not cover."""
+    return BadInput(
+        f"two messages of correction {crc_text(crc)} say different things of it: flight did not send both",
+        where,
+        "do not decide by them: find out who else sends on this network. `kincal review reject` and a new "
+        "calibration are safe",
+    )
 
 
 # --------------------------------------------------------------------------- journal

@@ -189,12 +189,13 @@ def arm(
     return now
 
 
-def go(link: CommandLink, crc: str, who: Operator, against: Sequence[str] = ()) -> None:
+def go(link: CommandLink, crc: str, who: Operator, against: Sequence[str] = (), override: str = "") -> None:
     """Second step: the correction comes in force. Refused, before any command is sent, if it is not armed,
-    `who.by` has not seen it, it needs the key of another holder, or clearance gives a reason to reject it
-    that the first step did not override. against: as for `arm`."""
+    `who.by` has not seen it, it needs the key of another holder, or there are reasons to reject it that the
+    first step did not override. against: as for `arm`; override: as for `arm`, where the first step is in
+    another journal."""
     case = _case(link, crc, who, "APPROVE_GO")
-    with _recorded(case, who, "APPROVE_GO"):
+    with _recorded(case, who, "APPROVE_GO", override):
         if not case.waits.armed:
             raise CommandFailed(
                 f"the approval of correction {case.text} is not armed (or has expired)",
@@ -204,20 +205,11 @@ def go(link: CommandLink, crc: str, who: Operator, against: Sequence[str] = ()) 
         _check_holder(case, link)
         seen = _seen(case, who, against)
         armed = [e for e in case.before.entries if (e.decision, e.crc) == (journal.ARMED, case.text)]
-        override = armed[-1].override if armed else ""
-        if seen.against and armed and not override:
-            raise BadInput(
-                f"the first step overrides nothing, and there are reasons to reject correction {case.text}: "
-                f"{'; '.join(seen.against)}",
-                seen.url,
-                f"`kincal review reject {case.text}`; to approve it in spite of them, wait until the "
-                f"approval has expired ({case.waits.left_s:.0f} s), then `kincal review arm {case.text} "
-                "--override REASON`",
-            )
+        override = _overridden(case, seen, armed[-1] if armed else None, override)
         for entry in armed[-1:]:
-            who.say(f"armed by {entry.by}, {entry.time}: {entry.why}")
+            who.say(f"armed by {entry.by}, {entry.time}: {journal.one_line(entry.why)}")
         if override:
-            who.say(f"by override: {override}")
+            who.say(f"by override: {journal.one_line(override)}")
         send_go(
             link,
             case.crc,
@@ -366,6 +358,31 @@ def _check_override(case: _Case, seen: Entry, override: str) -> None:
             seen.url,
             f"`kincal review reject {case.text}`; to approve it in spite of them, say why: --override REASON",
         )
+
+
+def _overridden(case: _Case, seen: Entry, first: Entry | None, override: str) -> str:
+    """Why the second step is taken in spite of reasons to reject: as the first step says (None: it is not in
+    this journal), or as `override` says. BadInput if there are some and neither does."""
+    if first is None:
+        _check_override(case, seen, override)
+        return override
+    if override:
+        raise BadInput(
+            f"{first.by} has taken the first step, and said what it overrides: "
+            f"{journal.one_line(first.override) or 'nothing'}",
+            todo="leave --override out",
+        )
+    reasons = reasons_to_reject(seen)
+    if reasons and not first.override:
+        raise BadInput(
+            f"the first step overrides nothing, and there are reasons to reject correction {case.text}: "
+            f"{'; '.join(reasons)}",
+            seen.url,
+            f"`kincal review reject {case.text}`; to approve it in spite of them, wait until the "
+            f"approval has expired ({case.waits.left_s:.0f} s), then `kincal review arm {case.text} "
+            "--override REASON`",
+        )
+    return first.override
 
 
 def _write(case: _Case, who: Operator, decision: str, seen: Entry | None, override: str = "") -> None:

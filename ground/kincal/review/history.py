@@ -17,7 +17,7 @@ from kincal.link.names import verdict_name
 from kincal.tables import unit_of
 from kincal_shared.errors import KincalError
 
-from .journal import APPROVED, Entry
+from .journal import APPROVED, Entry, one_line
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcTerms
@@ -190,7 +190,10 @@ def utc(seconds: float) -> str:
 def decided(x: InForce, entries: Iterable[Entry]) -> str:
     """Who put a table in force and why, by the journal."""
     lines = [e for e in entries if e.crc == x.crc and e.decision in _CHANGING]
-    return "; ".join(dict.fromkeys(f"{_CHANGING[e.decision]} by {e.by}: {e.why}" for e in lines)) or NOBODY
+    return (
+        "; ".join(dict.fromkeys(f"{_CHANGING[e.decision]} by {e.by}: {one_line(e.why)}" for e in lines))
+        or NOBODY
+    )
 
 
 @dataclass(frozen=True)

@@ -202,6 +202,11 @@ def append(path: Path, entry: Entry, signer: Signer) -> Entry:
     return entry
 
 
+def one_line(text: str) -> str:
+    """Words of a person for a line of output: what stands in a line of its own was written by the tool."""
+    return " ".join(text.split())
+
+
 def unfinished(entries: Sequence[Entry]) -> list[Entry]:
     """Attempts without a line that says what came of them: the program ended in between. What flight made of
     them, its state and its log say. Of several alike, a line ends the newest with its name and reason: a

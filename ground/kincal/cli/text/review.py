@@ -16,7 +16,7 @@ from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
 from kincal.review.changes import Changes, amount
 from kincal.review.decisions import OnBoard
 from kincal.review.history import History, Trend, decided, utc
-from kincal.review.journal import Entry, Journal, unfinished
+from kincal.review.journal import Entry, Journal, one_line, unfinished
 from kincal.review.residuals import PoseResidual
 from kincal.review.status import Choice, Listed, Status, choices, see_first
 from kincal.review.thresholds import Limits, Threshold, thresholds
@@ -94,7 +94,7 @@ def decisions(out: Console, journal: Journal) -> None:
         return
     rows = grid(f"\nDecisions in {escape(str(journal.path))}", "time", "decision", "CRC", "by", "key", "why")
     for e in journal.entries:
-        why = f"{e.why}; override: {e.override}" if e.override else e.why
+        why = one_line(f"{e.why}; override: {e.override}" if e.override else e.why)
         key = str(e.key_id or "") + (f" (armed by key {e.armed_key})" if e.armed_key else "")
         rows.add_row(escape(e.time), escape(e.words), escape(e.crc), escape(e.by), key, escape(why))
     out.print(rows)
@@ -162,7 +162,15 @@ def what_changes(out: Console, c: Changes, confounded: Mapping[str, Sequence[str
     """The size in one sentence, each value old and new, where the tool goes, what the data do not tell
     apart."""
     out.print(f"[bold {'yellow' if c.big else 'default'}]{escape(c.headline)}[/]", soft_wrap=True)
-    columns = ("coefficient", "old", "new ± sigma", "change", "of its bound", "determined by", "confounded with")
+    columns = (
+        "coefficient",
+        "old",
+        "new ± sigma",
+        "change",
+        "of its bound",
+        "determined by",
+        "confounded with",
+    )
     rows = grid("\nWhat changes", *columns, right=(1, 2, 3, 4))
     for row in c.rows:
         change = f"[yellow]{row.delta_text}[/]" if row.big else row.delta_text
