@@ -63,7 +63,7 @@ class Session:
     disputed: bool = False  # another message of the same correction says something else of it
 
     def propose(self, m: Proposal) -> None:
-        """Take a proposal. Flight says the same of a correction each time: where two messages differ, a stranger
+        """Take a proposal. Flight says one thing of a correction: where two messages differ, a stranger
         sent one of them, and the first one stays."""
         if self.proposal is not None and self.proposal.crc == m.crc:
             self.disputed |= not alike(self.proposal, m)
@@ -100,7 +100,8 @@ class Session:
 
 def alike(one: Proposal, other: Proposal) -> bool:
     """Whether two messages of a correction say the same; its CRC covers the values and their sigmas alone."""
-    return all(getattr(one, name) == getattr(other, name) for name in type(one).__slots__)
+    fields: tuple[str, ...] = getattr(type(one), "__slots__", ())
+    return all(getattr(one, name) == getattr(other, name) for name in fields)
 
 
 def proposal_dict(proposal: Proposal) -> dict[str, Any]:
