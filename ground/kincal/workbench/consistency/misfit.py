@@ -39,9 +39,9 @@ def misfit(arm: ArmTable, data: Measurements) -> float:
     another reading of the files."""
     try:
         with np.errstate(all="ignore"):  # a wrong reading may lead anywhere
-            fit = fit_model(arm, data, [_offsets(arm)], dh=False, effect_width=1.0)
+            fit = fit_model(arm, data, [_offsets(arm)], dh=False, effect_width=1.0, rough=True)
             turned = np.abs(fit.estimate[_places(fit)]).max() > _MOST_OFFSET
-            left = rms_of_most(misfit_of(fit_model(arm, data, dh=False) if turned else fit, data))
+            left = rms_of_most(misfit_of(fit_model(arm, data, dh=False, rough=True) if turned else fit, data))
     except (CannotAnswer, ValueError, np.linalg.LinAlgError):
         return np.inf
     return left if np.isfinite(left) else np.inf

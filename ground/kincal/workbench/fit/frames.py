@@ -129,7 +129,7 @@ class _RotationSearch:
         """R_B (3, 3) of least cost: many random rotations, the best of them refined."""
         turns = Rotation.random(_SEARCH, random_state=np.random.RandomState(1)).as_matrix()
         starts = turns[np.argsort(self._cost(turns))[:_REFINED]]
-        refined = np.array([self._refined(start) for start in starts])
+        refined = self._refined(starts)
         turn: Array = refined[np.argmin(self._cost(refined))].T
         return turn
 
@@ -139,19 +139,25 @@ class _RotationSearch:
     def _cost(self, turn: Array) -> Array:
         return array(np.sum(self._residual(turn) ** 2, axis=-1))
 
-    def _refined(self, turn: Array) -> Array:
-        """R_B^T of least cost near a rotation: Levenberg-Marquardt, steps as rotation vectors."""
-        damping, cost = _DAMPING, self._cost(turn)
+    def _refined(self, turns: Array) -> Array:
+        """(K, 3, 3) R_B^T of least cost near K rotations: Levenberg-Marquardt of all at once, steps as rotation
+        vectors; one whose step is below _STEP_RAD stays where it is."""
+        turns, cost = turns.copy(), self._cost(turns)
+        damping, moving = np.full(len(turns), _DAMPING), np.arange(len(turns))
         for _ in range(_STEPS):
-            jacobian = self.left[:, :9] @ (_GENERATORS @ turn).reshape(3, 9).T
-            normal = jacobian.T @ jacobian
-            normal[np.diag_indices(3)] *= 1.0 + damping
-            step = -_least_squares(normal, jacobian.T @ self._residual(turn))
-            tried = Rotation.from_rotvec(step).as_matrix() @ turn
-            if (less := self._cost(tried)) < cost:
-                turn, cost, damping = tried, less, 0.1 * damping
-            else:
-                damping *= 10.0
-            if np.linalg.norm(step) < _STEP_RAD:
+            here = turns[moving]
+            jacobian = self.left[:, :9] @ np.swapaxes((_GENERATORS @ here[:, None]).reshape(-1, 3, 9), 1, 2)
+            across = np.swapaxes(jacobian, 1, 2)
+            normal = across @ jacobian
+            normal[:, range(3), range(3)] *= 1.0 + damping[moving, None]
+            downhill = across @ self._residual(here)[:, :, None]
+            step = -(np.linalg.pinv(normal, hermitian=True) @ downhill)[:, :, 0]
+            tried = Rotation.from_rotvec(step).as_matrix() @ here
+            less = self._cost(tried)
+            better = less < cost[moving]
+            turns[moving[better]], cost[moving[better]] = tried[better], less[better]
+            damping[moving] *= np.where(better, 0.1, 10.0)
+            moving = moving[np.linalg.norm(step, axis=1) >= _STEP_RAD]
+            if len(moving) == 0:
                 break
-        return turn
+        return turns
