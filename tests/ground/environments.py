@@ -46,10 +46,26 @@ def closure(names):
     return found
 
 
-def link(name, site):
-    """The files of an installed package, linked into another environment, and what they were compiled to."""
-    there = distribution(name)
-    for file in (file for file in there.files if ".." not in file.parts):
+def link(names, site):
+    """Installed packages, linked into another environment with what they were compiled to: folders as a whole
+    where no other package of these has files in them."""
+    owners = {}
+    for name in names:
+        for file in distribution(name).files:
+            if ".." not in file.parts:
+                owners.setdefault(file.parts[0], {}).setdefault(name, []).append(file)
+    for top, of in owners.items():
+        for name, files in of.items():
+            there = distribution(name)
+            source = Path(there.locate_file(top))
+            if len(of) == 1 and source.is_dir() and top != "__pycache__":
+                (site / top).symlink_to(source.resolve())
+            else:
+                link_files(there, files, site)
+
+
+def link_files(there, files, site):
+    for file in files:
         for part in (file, cache_from_source(file)) if file.suffix == ".py" else (file,):
             source, target = Path(there.locate_file(part)).resolve(), site / part
             if source.exists() and not target.exists():
@@ -65,8 +81,7 @@ def environment(home, wheel, extras=()):
     metadata = next(n for n in zipfile.ZipFile(wheel).namelist() if n.endswith("METADATA"))
     lines = zipfile.ZipFile(wheel).read(metadata).decode().splitlines()
     declared = [line.partition(": ")[2] for line in lines if line.startswith("Requires-Dist")]
-    for name in closure(needs_of(declared, extras)):
-        link(name, site)
+    link(closure(needs_of(declared, extras)), site)
     pip = [sys.executable, "-m", "pip", "--python", python]  # a pip of its own would take seconds
     run(*pip, "install", "--quiet", "--no-deps", "--no-index", wheel, cwd=home)
     return home
