@@ -342,7 +342,8 @@ def _iterate(now: _Iterate, robust: bool, same_cost: float, first: bool) -> _Ite
     weights = _reweight(point, problem.sigma, now.weights, robust)
     steady = float(np.abs(weights.pose - now.weights.pose).max()) < _SAME_WEIGHT
     narrowed = _narrowed(problem, point, weights)
-    steady &= bool(np.allclose(narrowed.sigma, problem.sigma, rtol=_SAME_SIGMA, atol=0.0))
+    if narrowed is not problem:
+        steady &= bool(np.allclose(narrowed.sigma, problem.sigma, rtol=_SAME_SIGMA, atol=0.0))
     return _Iterate(narrowed, point, weights, step.damping, step.small and steady and not first)
 
 
