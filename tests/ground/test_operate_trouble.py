@@ -443,7 +443,7 @@ def test_a_calibration_describes_the_table_that_it_proposes():
 )  # fmt: skip
 def test_words_that_no_journal_can_show_are_refused(own_key_file, file, by, why):
     """A surrogate, which a browser or a shell may send, ended every later listing of the journal."""
-    with pytest.raises(BadInput, match="for the journal|is no text"):
+    with pytest.raises(BadInput, match="for the journal|is no text|line break"):
         record(file, journal.COMMENT, 0, by, why, "", None, keys.signer_of(own_key_file))
     assert not file.exists()
 
