@@ -462,7 +462,7 @@ def test_a_poor_fit_is_armed_by_an_override_only(geometry, own_key_file):
         app = make_app(Console(flight.url, geometry, picture, desk), ACCESS)
         with Live(flight.url, picture), TestClient(app, base_url=ORIGIN) as client:
             at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "b"}
-            assert "flight itself calls the fit poor" in client.get(at, headers=GOOD).json()["reasons"]
+            assert "flight itself calls the fit poor" in client.get(at, headers=GOOD).json()["reasons"][0]
             assert post(client, f"{at}/seen", number="1", by="A").json()["ok"]
             refused = post(client, f"{at}/arm", number="2", **words)
             assert refused.status_code == 409 and "--override" in refused.json()["text"]

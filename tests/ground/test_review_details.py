@@ -378,7 +378,8 @@ def test_a_verdict_that_flight_has_lost_is_a_reason_besides_those_that_were_seen
     seen(file, replace(good, verdict=VERDICTS["POOR"]), signer)
     with pytest.raises(BadInput) as error:
         decisions.arm(flight, f"{CRC:08x}", operator(file)[0])
-    assert "flight itself calls the fit poor; flight has lost its verdict" in str(error.value)
+    assert "calls the fit poor (its numbers do not say why" in str(error.value)
+    assert "CAL_EST before it); flight has lost its verdict" in str(error.value)
     assert decisions.on_board(flight).verdict == ""
 
 

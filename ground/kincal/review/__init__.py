@@ -216,9 +216,17 @@ def warnings(review: Review, big: Sequence[str] = ()) -> list[str]:
 def reasons_to_reject(review: Review | Entry) -> list[str]:
     """What an approval has to override; empty when there is nothing. Of a journal's entry: by the verdict,
     the numbers and the clearance that were seen."""
-    poor = "flight itself calls the fit poor" if review.verdict == VERDICTS["POOR"] else ""
+    poor = called_poor(review.numbers) if review.verdict == VERDICTS["POOR"] else ""
     by_numbers = poor, _bad_fit(review.numbers), _larger_residual(review.numbers)
     return [*(text for text in by_numbers if text), *review.against]
+
+
+def called_poor(numbers: Mapping[str, float]) -> str:
+    """That flight's verdict is POOR, and where to look for the reason if it is not in the numbers."""
+    text = "flight itself calls the fit poor"
+    if _bad_fit(numbers):
+        return text
+    return f"{text} (its numbers do not say why: see CAL_CHANGED, CAL_OUTLIER or CAL_EST before it)"
 
 
 def _bad_fit(numbers: Mapping[str, float]) -> str:

@@ -23,7 +23,7 @@ from kincal.rotations import angle_of_matrix
 from kincal.tables import unit_of
 from kincal_shared.errors import BadInput, KincalError
 
-from . import Review, kin_crc
+from . import Review, called_poor, kin_crc
 from .thresholds import Limits, thresholds
 
 if TYPE_CHECKING:
@@ -442,7 +442,7 @@ def reasons(review: Review, limits: Limits | None) -> tuple[Reason, ...]:
     """What speaks against a proposal, each with its number and threshold."""
     out = []
     if review.verdict == "poor fit":
-        out.append(Reason("flight itself calls the fit poor", "", ""))
+        out.append(Reason(called_poor(review.numbers), "", ""))
     numbers = review.numbers | {"n_outliers": float(review.n_outliers)}
     for key, asked in thresholds(review, limits).items():
         if asked.kept is False:

@@ -140,8 +140,8 @@ class _RotationSearch:
         return array(np.sum(self._residual(turn) ** 2, axis=-1))
 
     def _refined(self, turns: Array) -> Array:
-        """(K, 3, 3) R_B^T of least cost near K rotations: Levenberg-Marquardt of all at once, steps as rotation
-        vectors; one whose step is below _STEP_RAD stays where it is."""
+        """(K, 3, 3) R_B^T of least cost near K rotations: Levenberg-Marquardt of all at once, steps as
+        rotation vectors; one whose step is below _STEP_RAD stays where it is."""
         turns, cost = turns.copy(), self._cost(turns)
         damping, moving = np.full(len(turns), _DAMPING), np.arange(len(turns))
         for _ in range(_STEPS):
