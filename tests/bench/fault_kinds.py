@@ -804,6 +804,16 @@ def clock_stopped(t, _rng):
     return _clock(lambda _tick, now_us: min(now_us, t * 100_000))
 
 
+@kind("flight's clock advances by a microsecond in each tick", "TIME_SLOW", "IN_RANGE", *STOPS)
+def clock_creeps(t, _rng):
+    return _clock(lambda tick, now_us: min(now_us, t * 100_000 + max(0, tick - t)))
+
+
+@kind("flight's clock runs at a tenth of the speed", "TIME_SLOW", "IN_RANGE", *STOPS)
+def clock_slow(t, _rng):
+    return _clock(lambda tick, now_us: now_us - 90_000 * max(0, tick - t))
+
+
 @kind("flight's clock runs at twice the speed", "TIME_STEP", "IN_RANGE", *STOPS)
 def clock_fast(t, _rng):
     return _clock(lambda tick, now_us: now_us + max(0, tick - t) * 100_000)

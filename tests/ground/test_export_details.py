@@ -1,11 +1,12 @@
 """Exports to the last detail: what is identifiable, what has no place in a DH table, rows, names, masses."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from kincal.export import expressions, source
+from kincal.export import calibrated, expressions, files, source, tabular
 from kincal.export.calibrated import (
     BASE,
     DH,
@@ -16,15 +17,17 @@ from kincal.export.calibrated import (
     screw,
     twist_pose,
 )
-from kincal.export.dh import TURNED, TX, TY, TZ, _fits, dh_table
+from kincal.export.dh import RZ, TURNED, TX, TY, TZ, FoundFrame, _fits, _of_base, dh_table
 from kincal.export.leftout import left_out
 from kincal.export.urdf import _different
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import Pose
 from kincal.workbench.model.effects import Term
+from kincal_shared.errors import BadInput, CannotAnswer
 from kincal_shared.schema.arm import read_arm
 from kincal_shared.schema.dh import DH_FIELDS
 from kincal_shared.schema.model import FitEntry, FrameEntry
+from kincal_shared.schema.names import PNP
 from kincal_shared.schema.terms import Basis
 
 ZERO = FrameEntry(xyz_m=(0, 0, 0), quat_wxyz=(1, 0, 0, 0))
@@ -137,3 +140,99 @@ def test_variables_ask_for_what_the_generated_code_has_to_work_out():
 
 def test_links_of_one_name_are_numbered():
     assert _different(["a", "b", "a", "a"]) == ["a", "b", "a_1", "a_2"]
+
+
+# ---- found missing by mutants
+
+
+def test_variables_are_found_by_the_text_of_their_expression():
+    assert expressions._variables_with("load.gravity", "_lever(load") == expressions.LEVERS
+    assert expressions._variables_with("no such text") == frozenset()
+
+
+def test_a_name_of_the_generated_code_does_not_begin_with_a_digit():
+    names = {"7 DOF arm": "arm_7_dof_arm", "a7": "a7", "x": "x", "UR-5 (CB)": "ur_5_cb", "--": "arm"}
+    assert {name: source.identifier(name) for name in names} == names
+
+
+def test_what_the_generated_code_does_not_know_is_refused():
+    unknown = replace(SAG, fn="of tomorrow")
+    for language in ("python", "c"):
+        with pytest.raises(CannotAnswer, match="cannot be written as source code"):
+            expressions.basis_expression(unknown, language)
+
+
+def test_a_line_of_code_says_its_coefficient_and_unit():
+    one = coefficient("bent", (1, TY, 1.0, ()))
+    term = FittedTerm(one, 1, TY, 1.0, (SAG,))
+    assert expressions.line(term, 1, "python").comment == "bent.c [m]"
+    bare = FittedTerm(replace(one, unit=""), 1, TY, 1.0, (SAG,))
+    assert expressions.line(bare, 1, "c").comment == "bent.c"
+
+
+def test_six_joints_restore_an_orientation_that_was_measured():
+    term = (1, TX, 1.0, ())
+    positions = RECORD.model_copy(update={"components": 3})
+    made = [
+        source.describe(fitted(coefficient(DH, term), arm=arm, record=record), "c")
+        for arm, record in (("ur5", RECORD), ("ur5", positions), ("wam", RECORD))
+    ]
+    assert [m.keeps_orientation for m in made] == [True, False, True]
+    assert not any(m.uses_image or m.uses_view or m.uses_levers or m.uses_masses for m in made)
+
+
+def test_of_what_an_effect_changes_with_two_are_named():
+    for drivers, more in ((2, False), (3, True)):
+        terms = [(2, TX, 1.0, (Basis("lin", "q", j, 0.0, 1.0),)) for j in range(1, drivers + 1)]
+        (found,) = left_out(arm := fitted(coefficient("sag", *terms)), arm.terms)
+        assert found.why.endswith(", ...") is more
+        assert found.why.count("q1") == found.why.count("q2") == 1 and "q3" not in found.why
+
+
+def test_a_turn_about_the_first_axis_belongs_to_its_joint_and_all_else_there_to_the_base():
+    for group, of_joint in ((DH, True), ("backlash[1]", True), (BASE, False), ("sag", False)):
+        one = coefficient(group, (0, TX, 1.0, ()))
+        found = [_of_base(FittedTerm(one, 0, comp, 1.0, ())) for comp in range(6)]
+        assert found == [not (of_joint and comp in (RZ, TZ)) for comp in range(6)]
+        assert not _of_base(FittedTerm(one, 1, TX, 1.0, ()))
+
+
+def test_rows_of_a_frame_say_whether_it_was_estimated():
+    known = tabular._frame_rows(FoundFrame("base", Pose.identity(), None))
+    found = tabular._frame_rows(FoundFrame("tool", Pose.identity(), np.full(6, 0.5)))
+    assert len(known) == len(found) == 6
+    assert all(row.startswith("base,") and row.endswith(",0.0,,not estimated") for row in known)
+    assert all(row.startswith("tool,") and row.endswith(",0.0,0.5,estimated") for row in found)
+
+
+def test_a_table_says_what_it_does_not_contain():
+    said = []
+    for coefficients in ([coefficient(DH, (1, TX, 1.0, ()))], [coefficient("sag", (2, TX, 1.0, (SAG,)))]):
+        arm = fitted(*coefficients)
+        said += [x for x in tabular._provenance(arm, dh_table(arm)) if x.startswith('"not_contained"') or
+                 x.startswith("not_contained")]  # fmt: skip
+    assert "nothing" in said[0] and "sag: it changes with" in said[1] and "nothing" not in said[1]
+
+
+def test_columns_of_points_are_counted_as_the_code_has_them():
+    points = Basis("lin", next(iter(PNP)), 9, 0.0, 1.0)
+    term = FittedTerm(coefficient("lens", (0, TX, 1.0, ())), 0, TX, 1.0, (points, SAG))
+    placed = source._placed(term, SimpleNamespace(numbers=(5, 9)))
+    assert [b.index for b in placed.bases] == [2, 2] and placed.bases[1] == SAG
+
+
+def test_a_file_that_cannot_be_written_is_an_error_with_its_name(tmp_path):
+    with pytest.raises(BadInput, match="cannot be written") as refused:
+        files._write(tmp_path, "text")
+    assert refused.value.where == str(tmp_path)
+
+
+def test_a_model_with_an_effect_that_nobody_knows_names_its_file(monkeypatch):
+    def unknown(*_args, **_more):
+        raise BadInput("no such effect", todo="spell it right")
+
+    monkeypatch.setattr(calibrated, "choose_constants", unknown)
+    model = SimpleNamespace(effects=(), dh=True, constants={})
+    with pytest.raises(BadInput, match="no such effect") as refused:
+        calibrated._named(read_arm("wam"), model, None, "M.toml")
+    assert (refused.value.where, refused.value.todo) == ("M.toml", "spell it right")

@@ -215,6 +215,17 @@ def test_the_last_proposal_is_shown_and_any_by_its_crc(tmp_path, monkeypatch):
     assert review.find(tmp_path, f"{CRC:08x}", BIN).session == 3
 
 
+def test_a_covariance_of_other_standard_deviations_is_refused():
+    """The CRC covers the standard deviations, not the covariance beside them."""
+    p = proposal()
+    assert review.from_message(p, []).crc == CRC
+    p.cov = [x * 1e-4 for x in p.cov]
+    with pytest.raises(BadInput, match="covariance is not that of the standard deviations"):
+        review.from_message(p, [])
+    p.cov = [0.0] * len(p.cov)  # of an estimate that was not solved flight states none
+    assert not review.from_message(p, []).correlation.any()
+
+
 def test_names_need_the_terms_table(tmp_path):
     with pytest.raises(BadInput, match="no terms table"):
         review.coef_names(tmp_path)

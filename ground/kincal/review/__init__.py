@@ -34,6 +34,7 @@ from .journal import Entry as Entry
 KIN_KIND = 4
 _U64 = (1 << 64) - 1
 _MOST_NAME, _MOST_WORDS = 200, 20_000  # characters
+_SAME_VARIANCE = 1e-6  # of a variance: rounding of its root
 _NAMED = 4  # damaged fields that an error names
 P_FIT_MIN = 1e-3  # below it the fit does not explain the data
 
@@ -146,6 +147,12 @@ def from_message(p: Any, names: list[str]) -> Review:
     cov = unpack_covariance(p.cov, n)
     sigma = np.array(estimated_sigma(p)[:n])
     on = np.flatnonzero(sigma > 0.0)
+    if cov.any() and not np.allclose(np.diag(cov)[on], sigma[on] ** 2, rtol=_SAME_VARIANCE, atol=0.0):
+        raise BadInput(
+            "its covariance is not that of the standard deviations that the CRC covers",
+            f"correction {unsigned32(p.crc):08x}",
+            "do not decide by this message: it was changed on the way, or somebody else sends on this network",
+        )
     d = np.sqrt(np.maximum(np.diag(cov)[on], 1e-300))
     lines = tuple(
         CoefLine(
