@@ -151,7 +151,7 @@ def from_message(p: Any, names: list[str]) -> Review:
         raise BadInput(
             "its covariance is not that of the standard deviations that the CRC covers",
             f"correction {unsigned32(p.crc):08x}",
-            "do not decide by this message: it was changed on the way, or somebody else sends on this network",
+            "do not decide by this message: it was changed on the way, or a stranger sends on this network",
         )
     d = np.sqrt(np.maximum(np.diag(cov)[on], 1e-300))
     lines = tuple(
