@@ -203,7 +203,7 @@ void kc_plan_drop_extra(kc_plan_t *plan) { plan->n_obs--; }
 
 bool kc_plan_has_room(const kc_plan_t *plan)
 {
-    return plan->n_obs + plan->n_goal < KC_MEAS_MAX + plan->n_meas;
+    return plan->n_obs + plan->n_goal + KC_PLAN_MORE_MAX - plan->n_more < KC_MEAS_MAX + plan->n_meas;
 }
 
 bool kc_plan_only_local(const kc_plan_t *plan) { return plan->n_obs == plan->n_local; }

@@ -73,7 +73,7 @@ void kc_plan_measured(kc_plan_t *plan, const kc_space_t *space, uint32_t cand);
 void kc_plan_extra(kc_plan_t *plan, kc_taken_at_t taken_at);
 /* The newest observation, which is one of these, is dropped. */
 void kc_plan_drop_extra(kc_plan_t *plan);
-/* Whether one may be: there is room for it and for all poses still to come. */
+/* Whether one may be: there is room for it and for all poses still to come, those beyond the requested ones too. */
 bool kc_plan_has_room(const kc_plan_t *plan);
 /* Whether every observation is that of a local initial pose. */
 bool kc_plan_only_local(const kc_plan_t *plan);

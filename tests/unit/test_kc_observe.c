@@ -204,7 +204,7 @@ void test_it_observes_before_the_candidate_where_that_tells_something_new_and_th
         {1u, 0u, 0u, 10.0, 0.1, 0.0, KC_OC_MEASURE}, {0u, 0u, 0u, 10.0, 0.1, 0.0, KC_OC_SERVO},
         {1u, 0u, 0u, 10.0, 0.5, 0.0, KC_OC_SERVO},   {2u, 1u, 0u, 10.0, 0.1, 0.11, KC_OC_MEASURE},
         {2u, 1u, 0u, 10.0, 0.1, 0.09, KC_OC_SERVO},  {1u, 1u, 0u, 10.0, 0.1, 0.3, KC_OC_SERVO},
-        {2u, 0u, 58u, 10.0, 0.1, 0.0, KC_OC_SERVO},  {2u, 0u, 57u, 10.0, 0.1, 0.0, KC_OC_MEASURE},
+        {2u, 0u, 56u, 10.0, 0.1, 0.0, KC_OC_SERVO},  {2u, 0u, 55u, 10.0, 0.1, 0.0, KC_OC_MEASURE},
         {1u, 0u, 0u, 0.0, 3.0, 0.0, KC_OC_MEASURE}, /* far in one of both is enough */
     };
     for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) {

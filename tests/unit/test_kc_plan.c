@@ -420,9 +420,11 @@ void test_there_is_room_for_more_while_all_poses_to_come_can_be_held(void)
         kc_plan_extra(&s_plan, KC_AT_ARRIVAL);
         n++;
     }
-    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX - 6u, n);
-    for (uint32_t i = 0u; i < 5u; i++) {
+    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX - 6u - KC_PLAN_MORE_MAX, n);
+    for (uint32_t i = 0u; i < 5u + KC_PLAN_MORE_MAX; i++) {
+        if (i >= 5u) { TEST_ASSERT_TRUE(kc_plan_more(&s_plan)); }
         TEST_ASSERT_FALSE(kc_plan_complete(&s_plan, &s_space));
+        (void)kc_plan_choose(&s_plan, &s_space, i);
         measure(i);
         TEST_ASSERT_FALSE(kc_plan_has_room(&s_plan));
     }
