@@ -63,8 +63,9 @@ def add_command(
 
     An unnamed effect, as `diagnose` names it, becomes a smooth function there: ordinary terms, chosen from
     the data that --arm and --data give, with what held-out poses gain from them. `unnamed` alone adds as many
-    as predict better, the one that the data ask for most first, and says which ones it leaves out because
-    `fit` would advise against them: those that make an unseen region of the poses worse.
+    as predict better by cross-validation of the poses to fit, the one that the data ask for most first. On
+    the held-out poses, which do not choose, some of them may show no gain. It says which ones it leaves out
+    because `fit` would advise against them: those that make an unseen region of the poses worse.
 
     \b
     Examples:
