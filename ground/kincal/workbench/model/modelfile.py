@@ -83,7 +83,11 @@ class ModelFile:
         for name, _ in new:
             whole = effect_of(name)
             if after.count(name) > 1:
-                raise BadInput(f"{name} is already in the model")
+                raise BadInput(
+                    f"{name} is already in the model",
+                    todo="`kincal model list` names what it has; to choose its constants anew, "
+                    "`kincal model remove` it first",
+                )
             if whole in after and any(other.startswith(f"{whole}[") for other in after):
                 raise BadInput(
                     f"{whole} is the effect at all joints; it cannot stand beside one of them",
