@@ -159,7 +159,8 @@ static void begin_estimate(kc_latest_t *latest, kc_est_t *est, const kc_gp_t *gp
     latest->res = (kc_residual_t){latest->dp_m[newest], latest->dr_rad[newest]};
     latest->f = latest->y[p->n_meas - 1u];
     latest->trusted = predicts_better(latest, view, newest);
-    bool checked = kc_fit_checked(&view->tables->config, latest->res, view->est->obs[newest].cov);
+    bool checked = kc_fit_required(&view->tables->config) &&
+                   kc_fit_checked(&view->tables->config, latest->res, view->est->obs[newest].cov);
     latest->n_checked = checked ? latest->n_checked + 1u : 0u;
     latest->gp_mean = 0.0;
     if (latest->gp_ok) { kc_gp_predict(gp, &x, &latest->gp_mean, &var); }

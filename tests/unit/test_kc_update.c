@@ -170,6 +170,9 @@ void test_the_newest_pose_is_judged_by_the_estimate_before_it(void)
     solved();
     TEST_ASSERT_EQUAL_UINT32(0u, s_latest->n_checked);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, s_latest->gp_sigma + s_latest->gp_mean);
+    s_config->stop_rot_rad = s_config->stop_pos_m = 0.0; /* nothing is required: no pose meets it */
+    solved();
+    TEST_ASSERT_EQUAL_UINT32(0u, s_latest->n_checked);
 }
 
 void test_few_observations_hold_no_coefficient(void)

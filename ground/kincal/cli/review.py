@@ -184,7 +184,7 @@ def review_show(
             _see(found, by, file, key_file, journal, warnings, err=True)
         return
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
-    options = _keys_option(key_file, file)
+    options = _keys_option(key_file, file) + (_option("--url", url, link.DEFAULT_URL) if live else "")
     decide = to_decide(found, about, shlex.quote(str(file)), options, seen=by is not None)
     text.show(console(), found, warnings, about, limits, decide, changes, shown.residuals, clearance)
     text.absent(console(), reviews.absent((file,), read))

@@ -116,7 +116,7 @@ NUMBERS = (
     ("confidence", "", "probability that the error is within the bounds that follow; 0: they are RMS"),
     ("bound_pos_m", "m", "bound of the position error over the search space, RMS"),
     ("bound_rot_rad", "rad", "bound of the rotation error"),
-    ("n_checked", "", "poses in a row that were predicted as well as required, before they were used"),
+    ("n_checked", "", "poses in a row that were predicted as well as required; 0: nothing is required"),
     ("pred_camera_pos_m", "m", "position, camera's frame: against where the camera sees the tool"),
     ("pred_camera_rot_rad", "rad", "rotation, camera's frame"),
     ("pred_lander_pos_m", "m", "position, lander's frame: the base frame of the arm"),
