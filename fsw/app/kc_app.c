@@ -5,8 +5,7 @@
 #include "kc_storing.h"
 
 #define TICK_US 100000u       /* what counts as elapsed where the clock stands still or steps */
-#define CLOCK_GAP_US \
-    2000000u /* the clock moved on by more than this: it was set; it is behind by more: too slow */
+#define CLOCK_GAP_US 2000000u /* a clock moved on by more was set; one behind by more is slow */
 
 kc_app_t kc_app_instance;
 
