@@ -19,6 +19,7 @@ from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench.diagnosis import competing
+from kincal.workbench.evidence.adequacy import Outliers
 from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.prediction.gain import held_ratio, judged
 from kincal.workbench.prediction.nextposes import NextPose
@@ -183,8 +184,9 @@ def test_poses_that_would_not_decide_are_not_advised(found):
 
 def test_a_fit_that_makes_held_out_poses_worse_explains_nothing():
     def said(adequate, nominal_m, held_m):
+        errors = {"nominal": (nominal_m, None), "DH": (held_m, None)}
         c = SimpleNamespace(
-            adequate=adequate, errors={"nominal": (nominal_m, None)}, rms={"held": (held_m, None)}
+            adequate=adequate, outliers=Outliers((), 10), errors_without={(): errors}.__getitem__
         )
         return explain.adequacy(c)
 
@@ -273,11 +275,11 @@ def test_exclude_is_an_option_of_every_command_that_reads_measurements(found):
 
 
 def test_too_few_poses_give_no_reachable_number_and_a_beaten_black_box_says_so(found):
-    c = SimpleNamespace(**{"errors": found.d.comparison.errors, **vars(found.d.comparison)})
-    c.reachable = Reachable(c.rms["held"][0], None, 0.0, enough=False)
+    c = replace(found.d.comparison)
+    vars(c)["reachable"] = Reachable(c.rms["held"][0], None, 0.0, enough=False)
     few = headline.reachable_number(c)
     assert (few.text, few.about) == ("unknown", "too few poses to tell")
-    c.reachable = Reachable(2.0 * c.rms["held"][0], None, 1.0)
+    vars(c)["reachable"] = Reachable(2.0 * c.rms["held"][0], None, 1.0)
     assert headline.big_numbers(c, found.d)[3].about.endswith("; the findings do better")
     assert "better" not in headline.reachable_number(c).about
 
@@ -460,8 +462,12 @@ def test_poses_with_which_calibration_makes_the_arm_worse_are_no_reason_to_calib
     errors = {"nominal": 2.755e-3, "DH": 2.930e-3}
     d = SimpleNamespace(
         advised=SimpleNamespace(
-            errors=[SimpleNamespace(model=m, block="held-out poses", pos_m=e) for m, e in errors.items()]
-        )
+            errors=[
+                SimpleNamespace(model=m, block="held-out poses", pos_m=e, usual=(e, None))
+                for m, e in errors.items()
+            ]
+        ),
+        outliers=Outliers((), 10),
     )
     (step,) = advice.next_steps(d, (), advice.Inputs("arm.toml", ("--data", "ten.csv")))
     assert "measure more poses" in step.why and "2.755 to 2.930 mm" in step.why

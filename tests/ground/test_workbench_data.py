@@ -1,6 +1,7 @@
 """Workbench input: measurements, arm tables, model files. Each refusal says what, where and what to do."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import poses
@@ -10,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.rotations import Pose
-from kincal.workbench.data.measurements import Measurements
+from kincal.workbench.data.measurements import Measurements, replicate_groups
+from kincal.workbench.data.split import choose_split
 from kincal.workbench.fit.frames import solve_frames
 from kincal.workbench.model.flight_model import nominal_chain
 
@@ -230,3 +232,29 @@ def test_answers_are_valid_json_without_nan(tmp_path):
         "worst_poses where outliers"
     )
     assert set(keys.split()) <= set(json.loads(text))
+    for split, of in ((None, "held"), (np.full(30, "fit"), "fit")):
+        answer = comparison_json(wb.compare(arm, replace(data, split=split)))
+        assert {row["poses"] for row in answer["errors"]} == {of}
+
+
+@pytest.mark.parametrize(
+    ("pose", "held"),
+    [
+        (np.arange(24), {3, 7, 11, 15, 19, 23}),
+        (np.tile(np.arange(24), 4), {3, 7, 11, 15, 19, 23}),
+        (
+            np.repeat(np.arange(24), 2),
+            {3, 7, 11, 15, 19, 23},
+        ),  # in step with the fourth row: none was held out
+        (np.repeat(np.arange(24), 4), {3, 7, 11, 15, 19, 23}),
+        (np.repeat(np.arange(24), 8), {3, 7, 11, 15, 19, 23}),
+        (np.repeat(np.arange(24), 3), {1, 5, 9, 13, 17, 21}),  # rows 3, 15, 27 ...
+        (np.concatenate([[0, 0, 0, 1, 2, 3], np.arange(4, 24)]), {1, 5, 9, 13, 17, 21}),
+    ],
+)
+def test_a_fourth_of_the_poses_is_held_out_however_often_each_was_measured(pose, held):
+    """With their replicates."""
+    q = np.column_stack([pose, pose]).astype(float)
+    data = Measurements("made up", tuple(map(str, range(len(q)))), q, q, replicate=replicate_groups(q))
+    split = choose_split(data)
+    assert set(pose[split.held]) == held == set(range(24)) - set(pose[split.fit])

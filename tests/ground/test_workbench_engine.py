@@ -28,6 +28,7 @@ from kincal.workbench.prediction.nextposes import expected_probability, next_pos
 from kincal.workbench.prediction.reachable import Reachable
 from kincal.workbench.report import advice, explain
 from kincal.workbench.report.answers import fit_json, fit_text
+from kincal.workbench.report.diagnosis_text import diagnosis_text
 from kincal_shared.schema.terms import parse_basis, split_product
 
 
@@ -448,12 +449,42 @@ def test_gross_outliers_do_not_hide_an_effect(arm, library, tmp_path):
     count = iter(range(10**6))
 
     def true_q(q, direction):
-        jump = 0.1 * bad[next(count) % 80]
+        jump = 0.5 * bad[next(count) % 80]
         return q + np.array([0, jump, 0, 3e-3 * direction[3], 0, 0, 0])
 
-    answer = wb.diagnose(arm, measure(tmp_path, 80, 15, true_q), library)
+    data = measure(tmp_path, 80, 15, true_q)
+    answer = wb.diagnose(arm, data, library)
     assert answer.effects[0].name == "backlash[4]"
-    assert set(answer.comparison.outliers.ids) >= {f"p{i}" for i in np.flatnonzero(bad)}
+    wrong = {f"p{i}" for i in np.flatnonzero(bad)}
+    assert set(answer.comparison.outliers.ids) >= wrong == set(answer.outliers.ids)
+    # errors with and without them, by another fit
+    part, held = answer.comparison.fit_part.data, answer.comparison.held_data
+    square = (fit_model(arm, part, answer.final.hypotheses).predict(held)[:, :3] ** 2).sum(axis=1)
+    usual = ~np.isin(held.ids, list(wrong))
+    assert (~usual).sum() == 1
+    last = answer.advised.errors[-1]
+    errors_m = np.sqrt([square.mean(), square[usual].mean()])
+    assert [last.pos_m, last.usual[0]] == pytest.approx(errors_m, rel=1e-6)
+    assert (
+        answer.adequate_after == (len(wrong) <= 4) and not replace(answer.outliers, poses=2 * len(wrong)).few
+    )
+    # the text says both, the first advice is a command that leaves them out, and that has only the usual error
+    assert f"without 1 outlier {errors_m[1] * 1e3:.3f} mm" in diagnosis_text(answer)
+    step = advice.next_steps(answer, (), advice.Inputs("a.toml", ("--data", "d.csv")))[0]
+    assert set(step.command.split("--exclude ")[1].split(",")) == wrong
+    rest = wb.diagnose(arm, data.without(wrong), library)
+    assert rest.advised.errors[-1].pos_m < 1.5 * errors_m[1] < 0.1 * errors_m[0]
+    assert not rest.outliers.ids and rest.adequate_after
+
+
+def test_poses_that_a_file_keeps_back_are_outliers_where_they_are_grossly_off(arm, tmp_path):
+    data = measure(tmp_path, 60, 15)
+    p_m = data.p_m.copy()
+    p_m[57] += 0.3
+    split = np.where(np.arange(60) < 40, "fit", "held")
+    found = wb.compare(arm, replace(data, p_m=p_m, split=split))
+    assert found.outliers.ids == ("p57",)
+    assert found.rms["held"][0] > 0.05 > 0.01 > found.errors_without(found.outliers.ids)["DH"][0]
 
 
 def test_degrees_given_as_radians_are_suspected(arm, tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -32,6 +32,7 @@ from ..fit.least_squares import Fit, find_frames, fit_model, rms
 from ..model.effects import Hypothesis
 from ..model.parameters import given_no_beta, is_beta
 from ..numerics.background import Begin, when_asked
+from ..numerics.types import Array
 from ..prediction.reachable import Reachable, reachable
 
 _MIN_POSES = 4
@@ -51,7 +52,8 @@ class Comparison:
     data: all poses; held_data: the held-out ones, None if there are none; skipped: malformed rows left out;
     rms: "nominal", "fit" and "held" errors; chi2_per_dof: of all poses, in units of the stated noise;
     p_lack_of_fit: of the size of the leftover, None where nothing says how large the noise is;
-    p_structure: that it follows some recorded variable somewhere, over all variables;
+    p_structure: that it follows some recorded variable somewhere, over all variables; adequate: neither is
+    likely, and outliers are few;
     still_joints: joints (from 1) that the poses do not move; fit_all: fitted to every pose (to the fit
     poses if the file keeps some back); fit_part: fitted to the fit poses; black_box: gives `reachable`.
     """
@@ -87,6 +89,21 @@ class Comparison:
     def errors(self) -> dict[str, PosRot]:
         """Errors of the "nominal" arm, after "DH" calibration alone and of its "model" with effects (if it
         has some), on the held-out poses; on the fitted ones where none are held out."""
+        return self.errors_without(())
+
+    def errors_without(self, ids: Collection[str]) -> dict[str, PosRot]:
+        """`errors` without the poses of these ids."""
+        usual = self.measured.are_not(ids)
+        return {name: rms(r[usual]) for name, r in self._left.items()}
+
+    @property
+    def measured(self) -> Measurements:
+        """The poses of `errors`."""
+        return self.fit_part.data if self.held_data is None else self.held_data
+
+    @cached_property
+    def _left(self) -> dict[str, Array]:
+        """(M, c) residuals of the poses of `errors` by model."""
         part = self.fit_part
         arm, frames = part.arm, (part.base, part.tool)
         fits = {"nominal": fit_model(arm, part.data, dh=False, frames=frames)}
@@ -96,9 +113,7 @@ class Comparison:
         if part.hypotheses or not dh:
             fits["model"] = part
         held = self.held_data
-        return {
-            name: rms(fit.evaluation.r if held is None else fit.predict(held)) for name, fit in fits.items()
-        }
+        return {name: fit.evaluation.r if held is None else fit.predict(held) for name, fit in fits.items()}
 
     @cached_property
     def table_error(self) -> PosRot | None:
@@ -155,6 +170,7 @@ def compare(
     held = data.take(split.held) if len(split.held) else None
     floor, where = noise_floor(fit_all), where_it_fails(fit_all)
     p_lack, p_structure = lack_of_fit(fit_all, floor), structure(where)
+    outliers = find_outliers(fit_all, held if split.given else None)
     return Comparison(
         arm=arm.name,
         source=data.source,
@@ -173,10 +189,10 @@ def compare(
         chi2_per_dof=fit_all.scale**2,
         p_lack_of_fit=p_lack,
         p_structure=p_structure,
-        adequate=explained(p_lack, p_structure),
+        adequate=explained(p_lack, p_structure) and outliers.few,
         worst_poses=worst_poses(fit_all),
         where=where,
-        outliers=find_outliers(fit_all),
+        outliers=outliers,
         still_joints=still_joints(data),
         fit_all=fit_all,
         fit_part=fit_part,

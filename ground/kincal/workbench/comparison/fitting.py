@@ -72,7 +72,10 @@ def fit(
     check_needs(library, names, arm, data)
     hypotheses = choose_constants(library, effects, arm, data, dh=dh)
     comparison = compare(arm, data, hypotheses, dh=dh, begin=begin)
-    nested = fit_nested(arm, data, hypotheses, comparison.noise_floor, names, dh=dh, progress=progress)
+    nested = fit_nested(
+        arm, data, hypotheses, comparison.noise_floor, names,
+        dh=dh, outliers=comparison.outliers.ids, progress=progress,
+    )  # fmt: skip
     whole = comparison.fit_all
     return FitResult(
         arm=arm.name,

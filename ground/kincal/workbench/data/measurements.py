@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -113,6 +113,11 @@ class Measurements:
                 f"ids of these data: {', '.join(self.ids[:_NAMED])} ...",
             )
         return self.take(np.array([name not in wanted for name in self.ids], dtype=bool))
+
+    def are_not(self, ids: Collection[str]) -> Mask:
+        """(N,) poses with other ids than these; all poses where that leaves none."""
+        others = ~np.isin(self.ids, list(ids))
+        return others if others.any() else np.ones(self.n, dtype=bool)
 
     def has(self, column: str) -> bool:
         """Whether the data carry what an effect needs (`dir`, `temp_c`, `cam`, `rotation` ...)."""

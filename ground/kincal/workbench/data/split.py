@@ -10,6 +10,7 @@ from ..numerics.types import Indices
 from .measurements import Measurements
 
 _HELD_OUT = 4  # every fourth pose is held out where the file does not say
+_LEAST, _MOST = 0.125, 0.5  # share of the poses
 
 
 @dataclass(frozen=True)
@@ -22,10 +23,15 @@ class Split:
 
 
 def choose_split(data: Measurements) -> Split:
-    """The file's split, or every fourth pose held out; replicates of one pose stay together."""
+    """The file's split, or the poses of every fourth row held out; replicates of one pose stay together. Where
+    poses were repeated in step with that (each two or four times in a row), every fourth pose."""
     if data.split is not None:
         return Split(np.flatnonzero(data.split == "fit"), np.flatnonzero(data.split == "held"), True)
     groups = data.replicate if data.replicate is not None else np.arange(data.n)
     _, first, number = np.unique(groups, return_index=True, return_inverse=True)
-    held = first[number] % _HELD_OUT == _HELD_OUT - 1
+    last = _HELD_OUT - 1
+    chosen = first % _HELD_OUT == last
+    if not _LEAST <= chosen.mean() <= _MOST:
+        chosen = np.argsort(np.argsort(first)) % _HELD_OUT == last
+    held = chosen[number]
     return Split(np.flatnonzero(~held), np.flatnonzero(held), False)

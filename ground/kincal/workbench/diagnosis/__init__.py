@@ -72,7 +72,9 @@ def diagnose(
     evaluation = study.judging(comparison)
     kept = never_worse(study, found, evaluation)
     asked = texts_of(hypotheses) if given is None else given
-    return promising(conclude(evaluation, kept), advised(arm, data, library, asked, kept.model, dh=dh))
+    answer = conclude(evaluation, kept)
+    advice = advised(arm, data, library, asked, kept.model, dh=dh, outliers=answer.outliers.ids)
+    return promising(answer, advice)
 
 
 def searched(data: Measurements) -> Measurements:

@@ -3,7 +3,7 @@ advised commands will print."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from kincal_shared.schema.arm import ArmTable
@@ -50,8 +50,10 @@ def advised(
     found: Sequence[Hypothesis],
     *,
     dh: bool,
+    outliers: Collection[str] = (),
 ) -> Advised:
-    """The model of these effects and those that were found beside them. given: as `add` takes them.
+    """The model of these effects and those that were found beside them. given: as `add` takes them; outliers:
+    ids of poses without which the errors are given too.
 
     The errors are computed as `kincal model fit` does it, from what `add` writes: no other way gives the same
     digits.
@@ -60,7 +62,7 @@ def advised(
     effects = change.model_after(given)
     names = [split_constants(text)[0] for text in effects]
     hypotheses = choose_constants(library, effects, arm, data, dh=dh)
-    return replace(change, errors=errors_by_step(arm, data, hypotheses, names, dh=dh))
+    return replace(change, errors=errors_by_step(arm, data, hypotheses, names, dh=dh, outliers=outliers))
 
 
 def joined(

@@ -14,7 +14,9 @@ from kincal_shared.schema.names import is_unnamed
 from ..comparison.compare import Comparison
 from ..evidence.adequacy import (
     NoiseFloor,
+    Outliers,
     Where,
+    find_outliers,
     lack_of_fit,
     noise_floor,
     where_it_fails,
@@ -164,7 +166,8 @@ class Diagnosis:
 
     comparison: of the given model with the data; effects: best first, those of the final model before
     the alternatives; probability_none: that nothing is missing, before anything was added; final: the fit
-    with the effects of the final model; adequate_after: it explains the data; map_ln_bf: ln Bayes factor
+    with the effects of the final model; adequate_after: it explains the data, as of `Comparison`; outliers:
+    of the final model; map_ln_bf: ln Bayes factor
     of each (location, drivers) before anything was added; advised: what to change about the model, and the
     errors on the way.
     """
@@ -177,6 +180,7 @@ class Diagnosis:
     probability_none: float
     final: Fit
     adequate_after: bool
+    outliers: Outliers
     remainder: Remainder
     map_ln_bf: dict[tuple[str, str], float] = field(default_factory=dict)
     advised: Advised = NOTHING_ADVISED
@@ -193,7 +197,7 @@ class Diagnosis:
 def conclude(study: Study, found: Selection) -> Diagnosis:
     """Everything the answer says, from a selection."""
     final = study.fit(found.model)
-    left = _left_by(final, study.comparison)
+    left, outliers = _left_by(final, study.comparison), _outliers(final, study.comparison)
     novel = unnamed_finding(study, found) if found.last.unnamed_wins else None
     effects = effect_findings(study, found, left, explained=left.is_known_noise and novel is None)
     return Diagnosis(
@@ -204,7 +208,8 @@ def conclude(study: Study, found: Selection) -> Diagnosis:
         not_testable=not_testable(study, found.first),
         probability_none=found.first.none,
         final=final,
-        adequate_after=left.is_noise and novel is None,
+        adequate_after=left.is_noise and novel is None and outliers.few,
+        outliers=outliers,
         remainder=remainder(study, found.model, left.where),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
     )
@@ -224,6 +229,11 @@ def _left_by(final: Fit, c: Comparison) -> Left:
     if final is c.fit_all:
         return Left(final, c.p_lack_of_fit, c.where)
     return Left(final, lack_of_fit(final, noise_floor(final)), where_it_fails(final))
+
+
+def _outliers(final: Fit, c: Comparison) -> Outliers:
+    """Those of the final model; of its own poses, and of poses that the file keeps back."""
+    return c.outliers if final is c.fit_all else find_outliers(final, c.held_data if c.split.given else None)
 
 
 def _verdict(none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None) -> Verdict:

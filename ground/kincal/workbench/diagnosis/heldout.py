@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.types import Array, Mask
+from ..evidence.adequacy import gross
+from ..numerics.types import Array
 from ..prediction.gain import held_ratio
 
 FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
-_GROSS = 10.0  # median errors
 _NOTHING = 0.002  # change of an error that says nothing
 
 
@@ -64,11 +64,6 @@ class HeldGain:
     def worse(self) -> bool:
         """The error of the held-out poses grows, be it by chance."""
         return self.after_m > self.before_m
-
-
-def gross(square: Array) -> Mask:
-    """(M,) errors of more than `_GROSS` times the median."""
-    return np.asarray(square > _GROSS**2 * np.median(square), dtype=bool)
 
 
 NO_HELD_OUT = HeldGain(float("nan"), float("nan"), (float("nan"), float("nan")))

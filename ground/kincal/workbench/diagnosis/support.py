@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 from scipy.special import stdtr
 
+from ..evidence.adequacy import gross
 from ..numerics.types import Array, array
 from ..prediction.gain import held_ratio, much_worse
-from .heldout import gross
 
 _HARM, _HARM_ROTATION = 1.02, 1.1  # growth of an error that is harm
 _CONTRADICTED = 0.025  # what an interval of 95 % that lies beyond leaves

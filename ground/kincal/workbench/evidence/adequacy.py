@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.measurements import Measurements
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit
 from ..fit.thinning import thinned
@@ -20,6 +21,8 @@ ADEQUATE_P = 0.05
 STRUCTURE_P = 0.01
 _MIN_REPLICATE_DOF = 6
 _FAR = 10.0  # median distances from the middle of a group: a mistake rather than noise
+_GROSS = 10.0  # median errors of poses that were not fitted: the same
+_MANY_OUTLIERS = 0.05  # of the poses; a model that leaves out more does not explain them
 _CLUSTER_P = 0.01
 _MIN_CLUSTER = 3  # outliers; fewer cannot cluster
 REPLICATES, STATED, UNKNOWN = (
@@ -66,11 +69,17 @@ class WorstPose:
 
 @dataclass(frozen=True)
 class Outliers:
-    """ids: poses that noise does not explain; clusters: variables in which they cluster, which makes
-    them an effect rather than bad poses."""
+    """ids: poses that noise does not explain; poses: number of all; clusters: variables in which they
+    cluster, which makes them an effect rather than bad poses."""
 
     ids: tuple[str, ...]
+    poses: int
     clusters: tuple[str, ...] = ()
+
+    @property
+    def few(self) -> bool:
+        """So few that they may be bad poses of data that a model explains."""
+        return len(self.ids) <= _MANY_OUTLIERS * self.poses
 
 
 def noise_floor(fit: Fit) -> NoiseFloor:
@@ -164,12 +173,22 @@ def _worst_pose(fit: Fit, i: int) -> WorstPose:
     return WorstPose(fit.data.ids[i], float(np.linalg.norm(r[:3])), rotation, sigma)
 
 
-def find_outliers(fit: Fit) -> Outliers:
-    """Poses beyond the chi^2 quantile 1 - 0.01/N; and whether they cluster, which would be an effect."""
+def find_outliers(fit: Fit, held: Measurements | None = None) -> Outliers:
+    """Poses beyond the chi^2 quantile 1 - 0.01/N; and whether they cluster, which would be an effect. Of held
+    poses, which are not among the fitted ones, those that are grossly off too."""
     n, c = fit.evaluation.r.shape
-    flagged: Mask = fit.d2 > chi2_quantile(0.01 / n, c)
-    ids = tuple(name for name, out in zip(fit.data.ids, flagged, strict=True) if out)
-    return Outliers(ids, _clusters(thinned(fit), ids))
+    flagged = list(fit.d2 > chi2_quantile(0.01 / n, c))
+    names = fit.data.ids
+    if held is not None:
+        names += held.ids
+        flagged += list(gross((fit.predict(held)[:, :3] ** 2).sum(axis=1)))
+    ids = tuple(name for name, out in zip(names, flagged, strict=True) if out)
+    return Outliers(ids, len(names), _clusters(thinned(fit), ids))
+
+
+def gross(square: Array) -> Mask:
+    """(M,) squared errors of more than `_GROSS` times the median error."""
+    return np.asarray(square > _GROSS**2 * np.median(square), dtype=bool)
 
 
 def _clusters(fit: Fit, ids: tuple[str, ...]) -> tuple[str, ...]:
@@ -208,7 +227,8 @@ def structure(where: Sequence[Where]) -> float:
 
 
 def explained(p_lack_of_fit: float | None, p_structure: float) -> bool:
-    """What is left is no larger than a known noise, where one is known, and follows no variable."""
+    """What is left is no larger than a known noise, where one is known, and follows no variable. Outliers
+    count in neither."""
     return p_structure > STRUCTURE_P and (p_lack_of_fit is None or p_lack_of_fit > ADEQUATE_P)
 
 

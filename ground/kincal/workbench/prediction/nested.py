@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +44,7 @@ class NestedModel:
     pos_m, rot_rad: RMS [m], [rad] (None without rotations); pos_interval: 95 % bootstrap interval of pos_m
     over the held-out poses; sys_pos_m: without the stated noise [m], None where none is stated; max_pos_m: of
     the worst pose; ratio: pos_m over that of the model before, with a 95 % bootstrap interval; None for the
-    first model.
+    first model; usual: pos_m and rot_rad without the outliers among the held-out poses.
     """
 
     model: str
@@ -56,7 +55,8 @@ class NestedModel:
     max_pos_m: float
     ratio: float | None
     ratio_interval: tuple[float, float] | None
-    pos_interval: tuple[float, float] = (math.nan, math.nan)
+    pos_interval: tuple[float, float]
+    usual: tuple[float, float | None]
 
 
 @dataclass(frozen=True)
@@ -130,19 +130,20 @@ def fit_nested(
     names: Sequence[str] = (),
     *,
     dh: bool = True,
+    outliers: Collection[str] = (),
     progress: Progress = no_progress,
 ) -> NestedModels:
     """Fit nominal, DH, DH + first effect, ... on every block and measure what was held back. The gain of
     an effect compares the whole model with the one that lacks it: the order of adding does not matter.
 
     names: what the hypotheses were asked for as; those of one name (all joints of an effect, or some) count
-    as one effect."""
+    as one effect; outliers: ids of poses without which errors are given too."""
     groups = _by_effect(hypotheses, names)
     todo = blocks(data, choose_split(data))
     models: list[NestedModel] = []
     gains: list[EffectGain] = []
     for number, block in enumerate(todo):
-        held_out = _HeldOut.of(arm, data, block, dh)
+        held_out = _HeldOut.of(arm, data, block, dh, outliers)
         steps, fitted = [*_steps(groups, dh)], []
         for step in steps:
             progress(f"{block.name}: {step.label}", number, len(todo))
@@ -180,13 +181,14 @@ def errors_by_step(
     names: Sequence[str] = (),
     *,
     dh: bool = True,
+    outliers: Collection[str] = (),
 ) -> tuple[NestedModel, ...]:
     """Errors of the nominal arm, after DH calibration and with each effect: those of `fit_nested` on the
-    held-out poses, to the last digit; on the fitted ones where none are held out."""
+    held-out poses, to the last digit; on the fitted ones where none are held out. outliers: as of it."""
     split, groups = choose_split(data), _by_effect(hypotheses, names)
     every = np.arange(data.n)
     block = Block(HELD_OUT, split.fit, split.held) if len(split.held) else Block(FITTED, every, every)
-    held_out, steps = _HeldOut.of(arm, data, block, dh), [*_steps(groups, dh)]
+    held_out, steps = _HeldOut.of(arm, data, block, dh, outliers), [*_steps(groups, dh)]
     fitted = [held_out.residuals(step.hypotheses, step.dh) for step in steps]
     return tuple(held_out.models([step.label for step in steps], fitted))
 
@@ -238,20 +240,25 @@ def _steps(groups: dict[str, list[Hypothesis]], dh: bool) -> Iterator[_Step]:
 
 @dataclass(frozen=True)
 class _HeldOut:
-    """One block with its frames found: fits models to its fit poses, measures them on the held ones."""
+    """One block with its frames found: fits models to its fit poses, measures them on the held ones.
+
+    usual: (M,) held-out poses that are no outliers; all, where there is no other."""
 
     arm: ArmTable
     block: Block
     part: Measurements
     held: Measurements
+    usual: Mask
     frames: Frames
     dh: bool
 
     @classmethod
-    def of(cls, arm: ArmTable, data: Measurements, block: Block, dh: bool) -> _HeldOut:
+    def of(
+        cls, arm: ArmTable, data: Measurements, block: Block, dh: bool, outliers: Collection[str] = ()
+    ) -> _HeldOut:
         """Frames found from the fit poses of a block."""
-        part = data.take(block.fit)
-        return cls(arm, block, part, data.take(block.held), find_frames(arm, part), dh)
+        part, held = data.take(block.fit), data.take(block.held)
+        return cls(arm, block, part, held, held.are_not(outliers), find_frames(arm, part), dh)
 
     def residuals(self, hypotheses: Sequence[Hypothesis], dh: bool) -> Array:
         """(M, c) residuals of the held-out poses."""
@@ -272,8 +279,9 @@ class _HeldOut:
         worst, systematic = float(np.sqrt(square.max())), self._systematic(square)
         spread = rms_interval(square)
         return NestedModel(
-            label, self.block.name, position, rotation, systematic, worst, ratio, interval, spread
-        )
+            label, self.block.name, position, rotation, systematic, worst, ratio, interval, spread,
+            rms(r[self.usual]),
+        )  # fmt: skip
 
     def _systematic(self, square: Array) -> float | None:
         if self.held.cov is None:

@@ -10,7 +10,7 @@ the poses that a process for each coordinate needs.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,13 +33,17 @@ _PARTS = 5
 _MOST_PAIRS = 36  # of joints; kernels of more would not fit into memory
 
 
-@dataclass(frozen=True)
+PosRot = tuple[float, float | None]
+
+
+@dataclass(frozen=True, eq=False)
 class Reachable:
     """Held-out RMS position [m] and rotation [rad] that a black box reaches after the model.
 
     shrink: share of its prediction that cross-validation keeps, 0 where nothing is predictable (the figures
     are then those of the model); parts: its largest components as (place, variable), largest first;
-    enough: whether the poses are enough to tell.
+    enough: whether the poses are enough to tell; judged: held-out poses that it was judged on;
+    model_left, left: (M, c) what the model and the black box leave of them [m, rad].
     """
 
     pos_m: float
@@ -47,6 +51,18 @@ class Reachable:
     shrink: float
     parts: tuple[tuple[str, str], ...] = ()
     enough: bool = True
+    judged: Measurements | None = None
+    model_left: Array | None = None
+    left: Array | None = None
+
+    def errors_without(self, ids: Collection[str]) -> PosRot:
+        """The figures without the poses of these ids."""
+        if self.judged is None or self.model_left is None or self.left is None:
+            return self.pos_m, self.rot_rad
+        usual = self.judged.are_not(ids)
+        pairs = zip(rms(self.model_left[usual]), rms(self.left[usual]), strict=True)
+        position, rotation = (None if a is None or b is None else min(a, b) for a, b in pairs)
+        return self.pos_m if position is None else position, rotation
 
     @property
     def nothing(self) -> bool:
@@ -61,7 +77,9 @@ def reachable(fit: Fit, data: Measurements, fitted: Indices, held: Indices) -> R
     """
     if len(held) == 0:
         return None
-    before = rms(fit.predict(data.take(held)))
+    poses = data.take(held)
+    r = fit.predict(poses)
+    before = rms(r)
     if len(fitted) < _MIN_POSES:
         return Reachable(*before, 0.0, enough=False)
     train = _spread(np.arange(len(fitted)), _FIT_ROWS // data.components)
@@ -70,7 +88,7 @@ def reachable(fit: Fit, data: Measurements, fitted: Indices, held: Indices) -> R
     box = _Box.of(fit, data.take(np.concatenate([fitted[train], unseen])), weight, len(train))
     shrink = box.shrink()
     if shrink == 0.0:
-        return Reachable(*before, 0.0)
+        return Reachable(*before, 0.0, judged=poses, model_left=r, left=r)
     return box.judged(before, shrink)
 
 
@@ -126,11 +144,15 @@ class _Box:
         rows = self.process.predict(fitted, self.held).reshape(-1, len(self.held)).T
         found = np.linalg.solve(self.at.whiten[self.held], rows[:, :, None])[:, :, 0]
         left = self.at.evaluation.r[self.held]
-        old, new = rms(left), rms(left - share * found)
+        rest = left - share * found
+        old, new = rms(left), rms(rest)
         ratios = [b / a for a, b in zip(old, new, strict=True) if a is not None and b is not None]
         position, *rotation = (x * min(r, 1.0) for x, r in zip(_numbers(before), ratios, strict=True))
         parts = tuple(_largest(self.process, fitted))
-        return Reachable(position, rotation[0] if rotation else None, share, parts)
+        return Reachable(
+            position, rotation[0] if rotation else None, share, parts,
+            judged=self.at.data.take(self.held), model_left=left, left=rest,
+        )  # fmt: skip
 
 
 def _numbers(pair: tuple[float, float | None]) -> list[float]:

@@ -15,7 +15,8 @@ from ..prediction.nextposes import NextPose, would_decide
 from . import explain
 
 _NEW_MODEL = "M.toml"
-_NAMED = 8  # outliers in a command
+_NAMED = 100  # outliers in a command
+_MUCH = 1.2  # times the error without outliers
 
 
 @dataclass(frozen=True)
@@ -60,13 +61,16 @@ class Step:
 
 def next_steps(d: Diagnosis, poses: Sequence[NextPose], inputs: Inputs) -> tuple[Step, ...]:
     """The commands that follow from a diagnosis: DH calibration first, then what else was found."""
+    outliers = tuple(_excluding(d, inputs))
+    first = outliers if _outliers_count(d) else ()
     if worse := _worse_calibrated(d, inputs):
-        return (worse,)
+        return (*first, worse)
     return (
+        *first,
         *_calibrating(d, inputs),
         *_adding(d, inputs),
         *_measuring(poses, inputs),
-        *_excluding(d, inputs),
+        *(outliers if not first else ()),
     )
 
 
@@ -84,7 +88,7 @@ def _kincal(*words: str) -> str:
 def _worse_calibrated(d: Diagnosis, inputs: Inputs) -> Step | None:
     """Held-out poses are predicted worse after DH calibration than by the nominal arm: no fit of these poses
     is to be used."""
-    errors = {e.model: e.pos_m for e in d.advised.errors if e.block == HELD_OUT}
+    errors = {e.model: e.usual[0] for e in d.advised.errors if e.block == HELD_OUT}
     if inputs.model or not errors or DH not in errors or errors[DH] < errors[NOMINAL]:
         return None
     return Step(
@@ -160,7 +164,16 @@ def _measuring(poses: Sequence[NextPose], inputs: Inputs) -> Iterator[Step]:
 
 
 def _excluding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
-    ids = d.comparison.outliers.ids
-    if ids and len(ids) <= _NAMED:
+    ids = d.outliers.ids
+    if len(ids) > _NAMED:
+        words = (*inputs.sources, *inputs.diagnosed)
+        yield Step(f"look at the {len(ids)} outliers: so many are no chance", _kincal("compare", *words))
+    elif ids:
         words = (*inputs.sources, *inputs.diagnosed, "--exclude", ",".join(ids))
         yield Step("look at the outliers; without them", _kincal("diagnose", *words))
+
+
+def _outliers_count(d: Diagnosis) -> bool:
+    """Outliers make up much of the error with the findings, or are many."""
+    last = d.advised.errors[-1] if d.advised.errors else None
+    return not d.outliers.few or (last is not None and last.pos_m > _MUCH * last.usual[0])

@@ -11,9 +11,8 @@ from ..comparison.fitting import FitResult
 from ..diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
 from ..evidence.adequacy import NoiseFloor, Where
 from ..evidence.curves import Curve
-from ..prediction.nested import NestedModel, NestedModels
+from ..prediction.nested import HELD_OUT, NestedModel, NestedModels
 from ..prediction.nextposes import NextPose, would_decide
-from ..prediction.reachable import Reachable
 from . import explain
 from .advice import Step
 from .design_text import axes_json, design_lines, identifiability_json
@@ -37,8 +36,12 @@ def _floor(floor: NoiseFloor) -> Json:
     return {**_pos_rot(floor.pos_m, floor.rot_rad), "source": floor.source}
 
 
-def _reachable(r: Reachable | None) -> Json | None:
-    return None if r is None else {**_pos_rot(r.pos_m, r.rot_rad), "by": explain.reachable_by(r)}
+def _reachable(c: Comparison) -> Json | None:
+    r = c.reachable
+    if r is None:
+        return None
+    usual = _pos_rot(*r.errors_without(c.outliers.ids))
+    return {**_pos_rot(r.pos_m, r.rot_rad), "without_outliers": usual, "by": explain.reachable_by(r)}
 
 
 def _where(found: Sequence[Where]) -> list[Json]:
@@ -55,6 +58,7 @@ def _where(found: Sequence[Where]) -> list[Json]:
 
 def comparison_json(c: Comparison) -> Json:
     """`kincal model compare --json`."""
+    usual = c.errors_without(c.outliers.ids)
     return {
         "arm": c.arm,
         "data": c.source,
@@ -66,8 +70,16 @@ def comparison_json(c: Comparison) -> Json:
         "direction": c.data.direction_source,
         "noise_floor": _floor(c.noise_floor),
         "rms": {name: _pos_rot(*pair) for name, pair in c.rms.items()},
-        "errors": [{"model": name, **_pos_rot(*pair)} for name, pair in c.errors.items()],
-        "reachable": _reachable(c.reachable),
+        "errors": [
+            {
+                "model": name,
+                "poses": "held" if len(c.split.held) else "fit",
+                **_pos_rot(*pair),
+                "without_outliers": _pos_rot(*usual[name]),
+            }
+            for name, pair in c.errors.items()
+        ],
+        "reachable": _reachable(c),
         "identifiability": identifiability_json(c.identifiability),
         "axes": {name: axes_json(axes) for name, axes in c.residual_axes.items()},
         "chi2_per_dof": c.chi2_per_dof,
@@ -88,12 +100,21 @@ def diagnosis_json(d: Diagnosis, next_poses: Sequence[NextPose] = (), steps: Seq
     """`kincal model diagnose --json`."""
     return {
         **comparison_json(d.comparison),
-        "errors": [{"model": e.model, **_pos_rot(e.pos_m, e.rot_rad)} for e in d.advised.errors],
+        "errors": [
+            {
+                "model": e.model,
+                "poses": "held" if e.block == HELD_OUT else "fit",
+                **_pos_rot(e.pos_m, e.rot_rad),
+                "without_outliers": _pos_rot(*e.usual),
+            }
+            for e in d.advised.errors
+        ],
         "advised": {"remove": list(d.advised.removed), "add": list(d.advised.added)},
         "next_steps": [{"why": step.why, "command": step.command} for step in steps],
         "verdict": d.verdict,
         "probability_none": d.probability_none,
         "adequate_after": d.adequate_after,
+        "outliers_after": list(d.outliers.ids),
         "effects": [_effect_json(e) for e in d.effects],
         "novel": None if d.novel is None else _unnamed_json(d.novel),
         "not_testable": [{"name": n.name, "needs": list(n.needs)} for n in d.not_testable],
@@ -183,6 +204,7 @@ def _nested_model_json(m: NestedModel) -> Json:
         "model": m.model,
         "held_out": m.block,
         **_pos_rot(m.pos_m, m.rot_rad),
+        "without_outliers": _pos_rot(*m.usual),
         "systematic_pos_mm": _mm(m.sys_pos_m),
         "max_pos_mm": _mm(m.max_pos_m),
         "ratio": m.ratio,
@@ -224,7 +246,7 @@ def comparison_text(c: Comparison) -> str:
         f"{c.components} components",
         *([f"skipped: {c.skipped} malformed rows"] if c.skipped else []),
         *_error_lines(c),
-        f"reachable          {_reachable_text(c.reachable)}",
+        f"reachable          {_reachable_text(c)}",
         f"noise floor        {_floor_text(c.noise_floor)}",
         *design_lines(c),
         f"chi2 per degree    {c.chi2_per_dof:.3f}",
@@ -241,16 +263,23 @@ def _error_lines(c: Comparison) -> list[str]:
     """The arm as it is, then with what was fitted of it."""
     held = " on held-out poses" if len(c.split.held) else ""
     errors, after = c.errors, "after DH calibration" if "DH" in c.errors else "after a fit"
+    whole = "model" if "model" in errors else "DH"
     alone = []
     if "model" in errors and "DH" in errors:
-        alone = [f"DH alone           {_text(*errors['DH'])}{held}"]
+        alone = [f"DH alone           {_text(*errors['DH'])}{held}{_without(c, 'DH')}"]
         after += ", with the effects"
     return [
-        f"nominal arm        {_text(*errors['nominal'])}{held}",
+        f"nominal arm        {_text(*errors['nominal'])}{held}{_without(c, 'nominal')}",
         *alone,
         f"fitted poses       {_text(*c.rms['fit'])} {after}",
-        f"held-out poses     {_text(*c.rms['held'])}" + (f" {after}" if held else ""),
+        f"held-out poses     {_text(*c.rms['held'])}" + (f" {after}{_without(c, whole)}" if held else ""),
     ]
+
+
+def _without(c: Comparison, model: str) -> str:
+    """The error without outliers, where there are some among its poses."""
+    count = explain.among(c.outliers, c.measured)
+    return f" ({explain.without_outliers(count, *c.errors_without(c.outliers.ids)[model])})" if count else ""
 
 
 def _floor_text(floor: NoiseFloor) -> str:
@@ -259,10 +288,12 @@ def _floor_text(floor: NoiseFloor) -> str:
     return f"{_text(floor.pos_m, floor.rot_rad)} ({floor.source})"
 
 
-def _reachable_text(r: Reachable | None) -> str:
+def _reachable_text(c: Comparison) -> str:
+    r = c.reachable
     if r is None:
         return "unknown (no poses are held out)"
-    return f"{_text(r.pos_m, r.rot_rad)} ({explain.reachable_by(r)})"
+    without = explain.reachable_without(r, c.outliers)
+    return f"{_text(r.pos_m, r.rot_rad)} ({without}{explain.reachable_by(r)})"
 
 
 def _rest_lines(c: Comparison) -> list[str]:
@@ -309,14 +340,15 @@ def fit_text(f: FitResult) -> str:
     """Held-out errors of the nested models, then every coefficient."""
     coefficients = zip(f.names, f.estimate, f.std_err, f.units, strict=True)
     width = max(26, *(len(m.model) for m in f.nested.models)) + 2
+    without = "   without outliers" if f.comparison.outliers.ids else ""
     return "\n".join(
         [
             f"{f.arm}: {f.comparison.poses} poses, {len(f.names)} coefficients, rank {f.rank}",
             f"effects: {', '.join(f.texts) or 'none (DH only)'}",
             "",
-            f"{'model':<{width}}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval",
-            *(f"{m.model:<{width}}{_errors(m)}" for m in f.nested.models),
-            f"reachable: {_reachable_text(f.comparison.reachable)}",
+            f"{'model':<{width}}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval{without}",
+            *(f"{m.model:<{width}}{_errors(m, bool(without))}" for m in f.nested.models),
+            f"reachable: {_reachable_text(f.comparison)}",
             f"noise floor: {_floor_text(f.nested.floor)}",
             *explain.not_recommended(f.nested),
             *map(explain.no_gain, f.nested.no_gain),
@@ -328,10 +360,11 @@ def fit_text(f: FitResult) -> str:
     )
 
 
-def _errors(m: NestedModel) -> str:
+def _errors(m: NestedModel, without_outliers: bool) -> str:
     rotation = f"{m.rot_rad * 1e3:9.2f}" if m.rot_rad is not None else f"{'-':>9}"
     ratio = ""
     if m.ratio is not None and m.ratio_interval is not None:
         low, high = m.ratio_interval
         ratio = f"{m.ratio:8.3f}  {low:.3f} to {high:.3f}"
-    return f"{m.block:<18}{m.pos_m * 1e3:8.3f}{rotation}{ratio}"
+    line = f"{m.block:<18}{m.pos_m * 1e3:8.3f}{rotation}{ratio}"
+    return f"{line:<61}{_text(*m.usual):>14}" if without_outliers else line

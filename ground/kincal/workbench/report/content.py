@@ -49,9 +49,10 @@ def report_content(
     arm = whole.arm
     effects = diagnosis.advised.model_after(given)
     data, floor = diagnosis.comparison.data, diagnosis.comparison.noise_floor
+    outliers = diagnosis.outliers.ids
     hypotheses = choose_constants(library, effects, arm, data, dh=dh)
     names = [split_constants(text)[0] for text in effects]
-    nested = fit_nested(arm, data, hypotheses, floor, names, dh=dh, progress=progress)
+    nested = fit_nested(arm, data, hypotheses, floor, names, dh=dh, outliers=outliers, progress=progress)
     shown = _shown(library, arm, whole.data)
     return ReportContent(
         diagnosis, library, nested, confounding(whole, shown), harm(whole, shown), tuple(poses)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ..comparison.compare import Comparison
+from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from ..diagnosis.suggestions import Suggestion
 from ..evidence.adequacy import REPLICATES, STRUCTURE_P, Outliers
@@ -192,10 +193,35 @@ def would_not_decide(poses: Sequence[NextPose]) -> str:
 
 
 def outlier_note(o: Outliers) -> str:
-    """Empty unless the outliers cluster."""
-    if not o.clusters:
-        return ""
-    return f"the outliers cluster in {', '.join(o.clusters)}: that is an effect rather than bad poses"
+    """Empty unless the outliers cluster or are many."""
+    found = []
+    if o.clusters:
+        found += [f"the outliers cluster in {', '.join(o.clusters)}: that is an effect rather than bad poses"]
+    if not o.few:
+        many = f"{len(o.ids)} of {o.poses} poses are outliers"
+        found += [f"{many}: a model that leaves out so many does not explain the data"]
+    return "; ".join(found)
+
+
+def among(o: Outliers, poses: Measurements) -> int:
+    """How many of these poses are outliers."""
+    return poses.n - int(poses.are_not(o.ids).sum())
+
+
+def without_outliers(count: int, position_m: float, rotation_rad: float | None) -> str:
+    """An error without so many outliers."""
+    rotation = "" if rotation_rad is None else f", {rotation_rad * 1e3:.2f} mrad"
+    return f"without {_counted(count, 'outlier')} {position_m * 1e3:.3f} mm{rotation}"
+
+
+def reachable_without(r: Reachable, o: Outliers) -> str:
+    """What a black box reaches without the outliers; empty where there are none."""
+    count = 0 if r.judged is None else among(o, r.judged)
+    return f"{without_outliers(count, *r.errors_without(o.ids))}; " if count else ""
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def left_over(c: Comparison) -> str:
@@ -219,13 +245,19 @@ def adequacy(c: Comparison) -> str:
     """Whether the model explains the data; a fit that makes held-out poses worse explains nothing."""
     if not c.adequate:
         return "the model does NOT explain these data"
-    before, after = c.errors["nominal"][0], c.rms["held"][0]
-    if after > before:  # not so where none are held out
+    but = but_for(c.outliers)
+    (before, _), *_, (after, _) = c.errors_without(c.outliers.ids).values()
+    if after > before:
         return (
             "the model follows the fitted poses, but predicts held-out poses worse than the nominal arm "
             f"({before * 1e3:.3f} to {after * 1e3:.3f} mm): measure more poses, and more various ones"
         )
-    return "the model explains these data"
+    return f"the model explains these data{but}"
+
+
+def but_for(o: Outliers) -> str:
+    """The outliers as an exception; empty if there are none."""
+    return f", but for {_counted(len(o.ids), 'outlier')}" if o.ids else ""
 
 
 def notes(c: Comparison) -> list[str]:
@@ -258,7 +290,7 @@ def verdict(d: Diagnosis) -> str:
     open_ = [e.name for e in taken if not is_shown(e)]
     with_them = _with(listed(shown) if shown else "", open_, d)
     if d.verdict == "adequate":
-        return "Nothing is missing that these data could show."
+        return f"Nothing is missing that these data could show{but_for(d.outliers)}."
     if d.verdict == "undecidable":
         return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
     if d.verdict == "novel" and d.novel is not None:
@@ -303,8 +335,13 @@ def _held_fall(d: Diagnosis) -> str:
     before, after = d.comparison.rms["held"][0], d.remainder.held_pos_m
     if not (math.isfinite(before) and math.isfinite(after)):
         return "the poses are explained better (none are held out, so the gain is not measured)"
+    what, count = "held-out error", among(d.outliers, d.comparison.measured)
+    if count:
+        what += f" without {_counted(count, 'outlier')}"
+        given = [*d.comparison.errors_without(d.outliers.ids).values()][-1]
+        before, after = given[0], d.advised.errors[-1].usual[0]
     verb = "falls" if after < before else "goes"
-    return f"the held-out error {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
+    return f"the {what} {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
 
 
 def _closest(d: Diagnosis) -> str:

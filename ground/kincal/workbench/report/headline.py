@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from ..comparison.compare import Comparison
 from ..diagnosis import Diagnosis
+from ..evidence.adequacy import Outliers
 from ..prediction.nested import DH, NOMINAL
 from . import explain
 
@@ -42,24 +43,27 @@ def big_numbers(c: Comparison, d: Diagnosis | None = None, *, each: bool = False
     """Errors of the nominal arm, after DH calibration and with the findings of a diagnosis (each: one after
     another), what is reachable, noise floor."""
     errors = list(_errors(c, d, each))
-    black_box, best = reachable_number(c), errors[-1].pos_m
+    black_box, best = reachable_number(c, None if d is None else d.outliers), errors[-1].pos_m
     if d is not None and black_box.pos_m is not None and best is not None and best < black_box.pos_m:
         black_box = replace(black_box, about=f"{black_box.about}; the findings do better")
     return *errors, black_box, _floor(c)
 
 
 def _errors(c: Comparison, d: Diagnosis | None, each: bool) -> Iterator[BigNumber]:
-    held = len(c.split.held)
+    held, outliers = len(c.split.held), c.outliers if d is None else d.outliers
     about = f"RMS of {held} held-out poses" if held else "RMS of the fitted poses; none are held out"
     found = {} if d is None else {e.model: (e.pos_m, e.rot_rad) for e in d.advised.errors}
-    found = found or dict(c.errors)
+    usual = {} if d is None else {e.model: e.usual for e in d.advised.errors}
+    found, usual = found or dict(c.errors), usual or c.errors_without(outliers.ids)
+    count = explain.among(outliers, c.measured)
     effects = [name for name in found if name.startswith("+ ")]
     if effects and not each:
         first = {name: found[name] for name in (NOMINAL, DH) if name in found}
-        found = {**first, "findings": found[effects[-1]]}
+        found, usual = {**first, "findings": found[effects[-1]]}, {**usual, "findings": usual[effects[-1]]}
     for name, (pos_m, rot_rad) in found.items():
+        without = f"; {explain.without_outliers(count, *usual[name])}" if count else ""
         frames = _frames(c) if name == NOMINAL else ""
-        yield BigNumber(_LABELS.get(name, name), pos_m, rot_rad, about + frames)
+        yield BigNumber(_LABELS.get(name, name), pos_m, rot_rad, about + without + frames)
 
 
 def _frames(c: Comparison) -> str:
@@ -69,14 +73,15 @@ def _frames(c: Comparison) -> str:
     return f"; {' and '.join(names)} frame fitted" if names else ""
 
 
-def reachable_number(c: Comparison) -> BigNumber:
-    """What a black box reaches."""
+def reachable_number(c: Comparison, outliers: Outliers | None = None) -> BigNumber:
+    """What a black box reaches; without the outliers (absent: those of the comparison) too."""
     found = c.reachable
     if found is None:
         return BigNumber("reachable", None, None, "no poses are held out")
     if not found.enough:
         return BigNumber("reachable", None, None, explain.reachable_by(found))
-    return BigNumber("reachable", found.pos_m, found.rot_rad, explain.reachable_by(found))
+    without = explain.reachable_without(found, outliers or c.outliers)
+    return BigNumber("reachable", found.pos_m, found.rot_rad, without + explain.reachable_by(found))
 
 
 def _floor(c: Comparison) -> BigNumber:
