@@ -21,7 +21,7 @@ from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench.diagnosis import competing
 from kincal.workbench.evidence.adequacy import Outliers
 from kincal.workbench.fit.least_squares import fit_model
-from kincal.workbench.prediction.gain import held_ratio, judged
+from kincal.workbench.prediction.gain import held_ratio, judged, rms_interval
 from kincal.workbench.prediction.nextposes import NextPose
 from kincal.workbench.prediction.reachable import Reachable
 from kincal.workbench.report import advice, explain, headline
@@ -69,6 +69,24 @@ def test_interval_of_a_ratio_is_that_of_an_independent_bootstrap():
     want = bootstrap((after, before), statistic, paired=True, method="percentile", random_state=9)
     assert ratio == pytest.approx(statistic(after, before, 0))
     assert (low, high) == pytest.approx(tuple(want.confidence_interval), rel=0.03)
+
+
+def test_replicates_count_as_one_pose_in_intervals():
+    """A pose that was measured four times says no more of what a model leaves of it than once."""
+    rng = np.random.default_rng(5)
+    before, after = rng.chisquare(3, 40) * 1.3, rng.chisquare(3, 40)
+    four = [np.repeat(x, 4) for x in (after, before, np.arange(40))]
+    assert held_ratio(*four)[1] == pytest.approx(held_ratio(after, before)[1])
+    assert rms_interval(*four[1:]) == pytest.approx(rms_interval(before))
+    wide, narrow = (np.ptp(held_ratio(*four[:count])[1]) for count in (3, 2))
+    assert narrow < 0.6 * wide
+    # some poses once, some twice, in any order: sums over poses that are drawn with all their replicates
+    groups = rng.integers(0, 30, 50)
+    a, b = rng.chisquare(3, 50), rng.chisquare(3, 50)
+    drawn = rng.choice(np.unique(groups), (4000, len(np.unique(groups))))
+    sums = {g: np.array([a[groups == g].sum(), b[groups == g].sum()]) for g in groups}
+    ratios = [np.sqrt(np.divide(*sum(sums[g] for g in d))) for d in drawn]
+    assert held_ratio(a, b, groups)[1] == pytest.approx(tuple(np.quantile(ratios, (0.025, 0.975))), rel=0.04)
 
 
 def test_the_same_comparison_has_the_same_numbers_in_every_table(found):

@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.rotations import Pose
+from kincal.workbench.consistency.recorded import _too_alike
+from kincal.workbench.data.copies import without_copies
 from kincal.workbench.data.measurements import Measurements, replicate_groups
 from kincal.workbench.data.split import choose_split
 from kincal.workbench.fit.frames import solve_frames
@@ -258,3 +260,41 @@ def test_a_fourth_of_the_poses_is_held_out_however_often_each_was_measured(pose,
     data = Measurements("made up", tuple(map(str, range(len(q)))), q, q, replicate=replicate_groups(q))
     split = choose_split(data)
     assert set(pose[split.held]) == held == set(range(24)) - set(pose[split.fit])
+
+
+@pytest.mark.parametrize(
+    ("again", "decimals", "noise", "copies"),
+    [
+        (8, 9, 0.0, 8),  # to the last digit
+        (8, 6, 0.0, 8),  # single rows with fewer digits
+        (8, 5, 0.0, 8),
+        (40, 4, 0.0, 40),  # a whole file with few
+        (8, 6, 3e-5, 0),  # measured anew
+        (40, 4, 3e-5, 0),
+        (40, 3, 1e-4, 0),
+    ],
+)
+def test_rows_that_are_others_with_fewer_digits_are_copies(again, decimals, noise, copies):
+    """A file given twice, once from a spreadsheet that shows six digits, looked like two files."""
+    rng = np.random.default_rng(3)
+    x = rng.uniform(-2.0, 2.0, (40, 5))
+    more = x[:again] + noise * rng.normal(size=(again, 5))
+    rows = np.concatenate([x.round(9), more.round(decimals)])
+    order = rng.permutation(len(rows))
+    data = Measurements("made up", tuple(map(str, order)), rows[order, :2], rows[order, 2:])
+    kept = without_copies(data)
+    assert (kept.n, kept.duplicates) == (len(rows) - copies, copies)
+    assert kept.rounded == (copies if decimals < 9 else 0)
+    if kept.rounded:
+        assert set(kept.ids) == set(map(str, range(40)))  # those with all digits stay
+
+
+def test_replicates_of_less_than_a_micrometre_are_doubted():
+    rng = np.random.default_rng(3)
+    x = np.repeat(rng.uniform(-2.0, 2.0, (20, 5)), 2, axis=0)
+    for noise, codes in ((2e-7, ["replicates"]), (2e-6, [])):
+        rows = x + noise * rng.normal(size=x.shape)
+        data = Measurements(
+            "m", tuple(map(str, range(40))), rows[:, :2], rows[:, 2:], replicate=np.arange(40) // 2
+        )
+        assert [f.code for f in _too_alike(data)] == codes

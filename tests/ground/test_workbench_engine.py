@@ -465,10 +465,9 @@ def test_gross_outliers_do_not_hide_an_effect(arm, library, tmp_path):
     last = answer.advised.errors[-1]
     errors_m = np.sqrt([square.mean(), square[usual].mean()])
     assert [last.pos_m, last.usual[0]] == pytest.approx(errors_m, rel=1e-6)
-    assert (
-        answer.adequate_after == (len(wrong) <= 4) and not replace(answer.outliers, poses=2 * len(wrong)).few
-    )
-    # the text says both, the first advice is a command that leaves them out, and that has only the usual error
+    assert answer.adequate_after == (len(wrong) <= 4)
+    assert not replace(answer.outliers, poses=2 * len(wrong)).few
+    # the text says both, the first advice is a command that leaves them out, and its error is the usual one
     assert f"without 1 outlier {errors_m[1] * 1e3:.3f} mm" in diagnosis_text(answer)
     step = advice.next_steps(answer, (), advice.Inputs("a.toml", ("--data", "d.csv")))[0]
     assert set(step.command.split("--exclude ")[1].split(",")) == wrong

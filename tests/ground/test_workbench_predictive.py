@@ -222,6 +222,10 @@ def test_support_is_the_corrected_resampled_t_test():
     found = of_turns(before, after, 5)
     assert found.probability == pytest.approx(stats.t.cdf(t, 4))
     assert found.ratio == pytest.approx(np.sqrt((after**2).sum() / (before**2).sum()))
+    # replicates of a pose err together: four of each say no more than one
+    four = [np.repeat(r, 4, axis=0) for r in (before, after)]
+    assert of_turns(*four, 5, np.repeat(np.arange(80), 4)).probability == pytest.approx(found.probability)
+    assert of_turns(*four, 5).probability > found.probability + 0.02
 
 
 def test_few_poses_support_nothing_as_surely_as_many():

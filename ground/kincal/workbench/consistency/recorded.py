@@ -16,6 +16,8 @@ STILL = 0.02  # [rad or m], a joint that moves less stands still
 _LIMIT_TOLERANCE = 0.01  # [rad or m] beyond a limit that is not worth a word
 _DOUBLED = 0.4  # share of repeated rows that makes a file doubled
 _ONE_POSE = 3  # poses up to which repeated rows are too little data rather than a file given twice
+_LEAST_REPEATS = 3  # that tell how alike replicates are
+_BEST_DEVICE_M = 1e-6
 _MOST_LIMIT = 4.0 * math.pi + 0.1  # [rad], beyond any turning joint's
 _MOST_REACH_M = 20.0
 _MOST_NOISE = 0.2  # of the spread of the poses, beyond which stated noise is in another unit
@@ -26,6 +28,7 @@ _CONSTANTS = ("dir", "temp_c", "payload_kg", "range_m", "incid_rad")
 def of_data(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
     """Everything that is odd in what was recorded."""
     yield from _duplicates(data)
+    yield from _too_alike(data)
     yield from _frozen(data)
     yield from _limits_in_degrees(arm)
     yield from _arm_in_millimetres(arm)
@@ -43,13 +46,34 @@ def _duplicates(data: Measurements) -> Iterator[Finding]:
         return
     rows = data.n + data.duplicates
     doubled = data.duplicates >= _DOUBLED * rows and data.n > _ONE_POSE
+    digits = (
+        f"to the last digit, or with fewer digits ({data.rounded})" if data.rounded else "to the last digit"
+    )
     yield Finding(
         "duplicates",
-        f"{data.duplicates} of {rows} rows repeat another row to the last digit; they were left out: a copy "
-        "is no replicate, which is approached and measured anew",
+        f"{data.duplicates} of {rows} rows repeat another row {digits}; they were left out: a copy is no "
+        "replicate, which is approached and measured anew",
         "the file looks doubled; give every row once" if doubled else "give every row once",
         severity="error" if doubled else "warning",
     )
+
+
+def _too_alike(data: Measurements) -> Iterator[Finding]:
+    """Replicates that agree better than any device measures arms."""
+    if data.repeats is None:
+        return
+    _, number, count = np.unique(data.repeats, return_inverse=True, return_counts=True)
+    mean = np.column_stack([np.bincount(number, x) for x in data.p_m.T]) / count[:, None]
+    dof = int((count - 1).sum())
+    spread_m = math.sqrt(float(((data.p_m - mean[number]) ** 2).sum()) / dof)
+    if dof >= _LEAST_REPEATS and spread_m < _BEST_DEVICE_M:
+        yield Finding(
+            "replicates",
+            f"{dof} repeated measurements differ by {spread_m * 1e6:.2g} um (RMS), laser trackers have 10: "
+            "they look like copies, or like readings of an arm that did not move in between",
+            "give each measurement once; a replicate is approached and measured anew",
+            severity="warning",
+        )
 
 
 def _frozen(data: Measurements) -> Iterator[Finding]:

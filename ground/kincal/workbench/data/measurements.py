@@ -12,11 +12,10 @@ from scipy.spatial import KDTree
 
 from kincal_shared.errors import BadInput
 
-from ..numerics.types import Array, Indices, Mask
+from ..numerics.types import Array, Groups, Indices, Mask
 
 # Names that effects use for their needs, where they differ from ours.
 _RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
-_MEASURED = ("direction", "q", "p_m", "quat_wxyz", "payload_kg", "temp_c")  # equal in copies of a row
 _NAMED = 5  # ids in a message
 SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
 
@@ -36,7 +35,8 @@ class Measurements:
     poses that were measured again (same commanded pose); the others are (N,) in the unit of their name.
     direction_source: "measured" (in the file), "inferred" from the order of measurement, or "none".
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
-    duplicates: number of rows that were left out as copies of another row;
+    duplicates: number of rows that were left out as copies of another row, rounded: of those, such with fewer
+    digits;
     unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
     orientation: how the file writes the orientations, as --rotation says it ("xyzw", "euler-ZYX"), empty if
     it is not known; euler_rad: (N, 3) its Euler angles in the order of the columns, None if it has none;
@@ -65,11 +65,12 @@ class Measurements:
     pan_rad: Array | None = None
     tilt_rad: Array | None = None
     split: NDArray[np.str_] | None = None
-    replicate: NDArray[np.int_] | None = None
+    replicate: Groups | None = None
     order_is_time: bool = False
     direction_source: DirectionSource = "measured"
     skipped: tuple[str, ...] = ()
     duplicates: int = 0
+    rounded: int = 0
     unknown_columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     orientation: str = ""
@@ -114,6 +115,13 @@ class Measurements:
             )
         return self.take(np.array([name not in wanted for name in self.ids], dtype=bool))
 
+    @property
+    def repeats(self) -> Groups | None:
+        """(N,) number of the group of replicates of each pose; None where no pose was measured again."""
+        if self.replicate is None or len(np.unique(self.replicate)) == self.n:
+            return None
+        return self.replicate
+
     def are_not(self, ids: Collection[str]) -> Mask:
         """(N,) poses with other ids than these; all poses where that leaves none."""
         others = ~np.isin(self.ids, list(ids))
@@ -142,20 +150,7 @@ def of_one_session(data: Measurements, known: Measurements) -> bool:
     return rows <= all_rows
 
 
-def without_copies(data: Measurements) -> Measurements:
-    """The poses without rows that repeat another one to the last bit: noise makes replicates differ, so these
-    are the same measurement written twice."""
-    names = _MEASURED[data.direction_source == "inferred" :]
-    parts = [x for name in names if (x := getattr(data, name)) is not None]
-    rows = np.ascontiguousarray(np.column_stack(parts)) + 0.0  # no negative zeros
-    _, first = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))), return_index=True)
-    if len(first) == data.n:
-        return data
-    found = data.duplicates + data.n - len(first)
-    return replace(data.take(np.sort(first)), duplicates=found, whole=None)
-
-
-def replicate_groups(q: Array, tol: float = SAME_POSE) -> NDArray[np.int_]:
+def replicate_groups(q: Array, tol: float = SAME_POSE) -> Groups:
     """(N,) group number per pose: poses whose readings (N, n) all agree within `tol` [rad or m] are
     replicates; a group has the number of its first pose."""
     group = np.full(len(q), -1)

@@ -23,8 +23,8 @@ class Split:
 
 
 def choose_split(data: Measurements) -> Split:
-    """The file's split, or the poses of every fourth row held out; replicates of one pose stay together. Where
-    poses were repeated in step with that (each two or four times in a row), every fourth pose."""
+    """The file's split, or the poses of every fourth row held out; replicates of one pose stay together.
+    Where poses were repeated in step with that (each two or four times in a row), every fourth pose."""
     if data.split is not None:
         return Split(np.flatnonzero(data.split == "fit"), np.flatnonzero(data.split == "held"), True)
     groups = data.replicate if data.replicate is not None else np.arange(data.n)

@@ -200,7 +200,8 @@ def _addition(comparison: Comparison, before: Fit, after: Fit, effect: SmoothEff
     held = None
     if comparison.held_data is not None:
         squares = [_squares(_held_residuals(fit, comparison.held_data)) for fit in (before, after)]
-        held = HeldGain.of(squares[0], squares[1], cross_validated=False)
+        repeats = comparison.held_data.repeats
+        held = HeldGain.of(squares[0], squares[1], repeats, cross_validated=False)
     return Addition(effect, _crossed(after, effect.hypothesis), held)
 
 
@@ -223,7 +224,7 @@ def _crossed(fit: Fit, h: Hypothesis) -> HeldGain:
     for fold in (np.flatnonzero(number == k) for k in range(FOLDS)):
         for row, r in zip(squares, linear.left_out(fold, counts), strict=True):
             row[fold] = _squares(r)
-    return HeldGain.of(squares[0], squares[1], cross_validated=True)
+    return HeldGain.of(squares[0], squares[1], fit.data.repeats, cross_validated=True)
 
 
 @dataclass(frozen=True)

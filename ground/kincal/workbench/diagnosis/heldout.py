@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..evidence.adequacy import gross
-from ..numerics.types import Array
+from ..numerics.types import Array, Groups
 from ..prediction.gain import held_ratio
 
 FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
@@ -31,12 +31,14 @@ class HeldGain:
     rotation: float | None = None
 
     @classmethod
-    def of(cls, before: Array, after: Array, *, cross_validated: bool) -> HeldGain:
+    def of(
+        cls, before: Array, after: Array, groups: Groups | None = None, *, cross_validated: bool
+    ) -> HeldGain:
         """From squared position errors (M,) [m^2] of the same poses; gross outliers, off by far with and
-        without the effect, tell nothing of it and are left out."""
+        without the effect, tell nothing of it and are left out. groups: (M,) equal for replicates."""
         usual = ~(gross(before) & gross(after))
         before, after = before[usual], after[usual]
-        _, interval = held_ratio(after, before)
+        _, interval = held_ratio(after, before, None if groups is None else groups[usual])
         return cls(float(np.sqrt(before.mean())), float(np.sqrt(after.mean())), interval, cross_validated)
 
     @property

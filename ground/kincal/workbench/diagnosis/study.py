@@ -19,7 +19,7 @@ from ..model.effects import Hypothesis, Library
 from ..model.flight_model import room_for
 from ..model.grids import finer
 from ..model.hypotheses import Competition, merged_if_several
-from ..numerics.types import Array, array
+from ..numerics.types import Array, Groups, array
 from ..prediction.crossval import folds, predicted
 from ..prediction.nested import Block, blocks
 from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
@@ -196,8 +196,14 @@ class Study:
         return _square(self._held(model))
 
     def _held(self, model: Model) -> Array:
+        turns = self._judged is self._pool
+        return self._in_turns(model) if turns else self._held_residual(model, self._judged)
+
+    @property
+    def _judged(self) -> Measurements:
+        """The poses of `held_square`."""
         held = self.comparison.held_data
-        return self._in_turns(model) if self._few or held is None else self._held_residual(model, held)
+        return self._pool if self._few or held is None else held
 
     def _in_turns(self, model: Model) -> Array:
         """(N, c) residuals of the poses that may be fitted, each fold predicted by a fit to the others."""
@@ -229,11 +235,13 @@ class Study:
             before, after = self._in_turns(without), self._in_turns(with_it)
         else:  # linear at the fit of each: to fit anew takes far longer and says the same
             before, after = (predicted(self.fit(some), TURNS) for some in (without, with_it))
+        groups = self._pool.repeats
         if self.comparison.split.given and (held := self.comparison.held_data) is not None:
             before = np.vstack([before, self._held_residual(without, held)])
             after = np.vstack([after, self._held_residual(with_it, held)])
+            groups = _together(groups, self._pool.n, held)
         stretched = self._in_blocks(without, with_it), self._in_blocks(with_it, with_it)
-        return of_turns(before, after, TURNS).beside(*stretched)
+        return of_turns(before, after, TURNS, groups).beside(*stretched)
 
     def _in_blocks(self, model: Model, near: Model) -> dict[str, Array]:
         """(M, c) residuals [m, rad] of an unseen region, a time block and one direction of approach (of many
@@ -261,9 +269,19 @@ class Study:
             return NO_HELD_OUT
         without, with_it = self._without_and_with(model, h)
         before, after = self._held(without), self._held(with_it)
-        gain = HeldGain.of(_square(before), _square(after), cross_validated=self._few)
+        groups = self._judged.repeats
+        gain = HeldGain.of(_square(before), _square(after), groups, cross_validated=self._few)
         turned = rms(after)[1], rms(before)[1]
         return replace(gain, rotation=turned[0] / turned[1]) if turned[0] and turned[1] else gain
+
+
+def _together(groups: Groups | None, n: int, held: Measurements) -> Groups | None:
+    """Groups of replicates of n poses and of those held out behind them; None where no pose was repeated."""
+    if groups is None and held.repeats is None:
+        return None
+    own = np.arange(n) if groups is None else groups
+    theirs = np.arange(held.n) if held.repeats is None else held.repeats
+    return np.concatenate([own, theirs + own.max() + 1])
 
 
 def _square(r: Array) -> Array:

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from scipy.special import stdtr
 
 from ..evidence.adequacy import gross
-from ..numerics.types import Array, array
-from ..prediction.gain import held_ratio, much_worse
+from ..numerics.types import Array, Groups, array
+from ..prediction.gain import group_means, held_ratio, much_worse
 
 _HARM, _HARM_ROTATION = 1.02, 1.1  # growth of an error that is harm
 _CONTRADICTED = 0.025  # what an interval of 95 % that lies beyond leaves
@@ -45,20 +45,24 @@ class Support:
         return replace(self, probability=min(self.probability, _CONTRADICTED), worse=worse) if worse else self
 
 
-def of_turns(before: Array, after: Array, folds: int) -> Support:
+def of_turns(before: Array, after: Array, folds: int, groups: Groups | None = None) -> Support:
     """From residuals (M, c) [m, rad] of poses that took turns, without and with an effect; gross outliers,
-    without and with it, tell nothing and are left out."""
+    without and with it, tell nothing and are left out. groups: (M,) equal for replicates: they
+    count once."""
     usual = ~(gross(_square(before, _POSITION)) & gross(_square(after, _POSITION)))
     before, after = before[usual], after[usual]
+    groups = None if groups is None else groups[usual]
     parts = [(part, max(float(_square(before, part).mean()), 1e-300)) for part in _parts(before)]
 
     def loss(r: Array) -> Array:
         return array(sum(_square(r, part) / mean for part, mean in parts))
 
     def harmless(part: slice, growth: float) -> float:
-        return _positive(growth**2 * _square(before, part) - _square(after, part), folds)
+        gain = growth**2 * _square(before, part) - _square(after, part)
+        return _positive(group_means(gain, groups), folds)
 
-    chances = [_positive(loss(before) - loss(after), folds), harmless(_POSITION, _HARM)]
+    gain = group_means(loss(before) - loss(after), groups)
+    chances = [_positive(gain, folds), harmless(_POSITION, _HARM)]
     chances += [harmless(part, _HARM_ROTATION) for part, _ in parts[1:]]
     return Support(math.sqrt(loss(after).sum() / loss(before).sum()), min(chances))
 

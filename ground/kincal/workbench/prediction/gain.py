@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..numerics.types import Array
+from ..numerics.types import Array, Groups, Indices, array
 
 Gain = Literal["helps", "harms", "does not help", "undecided"]
 
@@ -34,18 +34,44 @@ def much_worse(interval: tuple[float, float]) -> bool:
     return interval[0] > _MUCH_WORSE
 
 
-def held_ratio(after: Array, before: Array) -> tuple[float, tuple[float, float]]:
+def held_ratio(
+    after: Array, before: Array, groups: Groups | None = None
+) -> tuple[float, tuple[float, float]]:
     """Ratio of RMS errors, given their squares (M,) over the same held-out poses, with its 95 % bootstrap
-    interval. The draws depend on M only, so that every table says the same of the same poses."""
-    pick = np.random.default_rng(2).integers(0, len(after), (_BOOTSTRAP, len(after)))
-    boot = np.sqrt(after[pick].mean(axis=1) / np.maximum(before[pick].mean(axis=1), 1e-300))
+    interval. groups: (M,) equal for replicates of one pose, None if there are none: what a model leaves of a
+    pose is in all of them, so that they are drawn together (Davison, Hinkley, Bootstrap Methods and their
+    Application, 1997, section 3.8). The draws depend on the number of poses only, so that every table says
+    the same of the same poses."""
+    (sums_after, _), (sums_before, _) = _sums(after, groups), _sums(before, groups)
+    pick = _drawn(len(sums_after))
+    boot = np.sqrt(sums_after[pick].sum(axis=1) / np.maximum(sums_before[pick].sum(axis=1), 1e-300))
     return float(np.sqrt(after.mean() / before.mean())), _interval_95(boot)
 
 
-def rms_interval(square: Array) -> tuple[float, float]:
-    """95 % bootstrap interval of the RMS of errors, given their squares (M,)."""
-    pick = np.random.default_rng(2).integers(0, len(square), (_BOOTSTRAP, len(square)))
-    return _interval_95(np.sqrt(square[pick].mean(axis=1)))
+def rms_interval(square: Array, groups: Groups | None = None) -> tuple[float, float]:
+    """95 % bootstrap interval of the RMS of errors, given their squares (M,). groups: as of `held_ratio`."""
+    sums, counts = _sums(square, groups)
+    pick = _drawn(len(sums))
+    return _interval_95(np.sqrt(sums[pick].sum(axis=1) / counts[pick].sum(axis=1)))
+
+
+def group_means(values: Array, groups: Groups | None) -> Array:
+    """(G,) means of values (M,) over replicates; the values where there are none."""
+    sums, counts = _sums(values, groups)
+    return array(sums / counts)
+
+
+def _sums(values: Array, groups: Groups | None) -> tuple[Array, Array]:
+    """(G,) sums of values (M,) over groups, and how many each has."""
+    if groups is None:
+        return values, np.ones(len(values))
+    _, number = np.unique(groups, return_inverse=True)
+    return np.bincount(number, values), np.bincount(number).astype(float)
+
+
+def _drawn(count: int) -> Indices:
+    """(draws, count) of a bootstrap."""
+    return np.random.default_rng(2).integers(0, count, (_BOOTSTRAP, count))
 
 
 def _interval_95(values: Array) -> tuple[float, float]:

@@ -274,10 +274,10 @@ class _HeldOut:
         square = _square(r)
         ratio = interval = None
         if before is not None:
-            ratio, interval = held_ratio(square, _square(before))
+            ratio, interval = held_ratio(square, _square(before), self.held.repeats)
         position, rotation = rms(r)
         worst, systematic = float(np.sqrt(square.max())), self._systematic(square)
-        spread = rms_interval(square)
+        spread = rms_interval(square, self.held.repeats)
         return NestedModel(
             label, self.block.name, position, rotation, systematic, worst, ratio, interval, spread,
             rms(r[self.usual]),
@@ -314,9 +314,10 @@ class _HeldOut:
         if without is None:
             without = self.residuals([h for h in hypotheses if h not in group], self.dh)
         before, after = _square(without), _square(whole)
-        ratio, interval = held_ratio(after, before)
+        groups = self.held.repeats
+        ratio, interval = held_ratio(after, before, groups)
         rms_m = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
-        turned = held_ratio(_turned(whole), _turned(without)) if whole.shape[1] == 6 else None
+        turned = held_ratio(_turned(whole), _turned(without), groups) if whole.shape[1] == 6 else None
         return EffectGain(name, self.block.name, *rms_m, ratio, interval, turned)
 
 

@@ -125,7 +125,8 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
         before = d.comparison.rms["held"][0]
         gain = f" (held-out error {_fall(before, change.errors[-1].pos_m)})" if _measured(d) else ""
         yield Step(
-            f"add what was found{gain}", _kincal("add", *inputs.written, *inputs.library, *change.added)
+            f"add what was found{gain}{_only_predicting(d)}",
+            _kincal("add", *inputs.written, *inputs.library, *change.added),
         )
     if smooth:
         yield Step(
@@ -138,6 +139,15 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
             _kincal("fit", *inputs.sources, *inputs.written, *inputs.library),
         )
         yield _export(inputs, "take the arm with all effects away as source code (also c)", "python")
+
+
+def _only_predicting(d: Diagnosis) -> str:
+    """What is said of effects that are in the final model for what they predict, however unlikely."""
+    names = [e.name for e in d.effects if e.role == "helps"]
+    if not names:
+        return ""
+    verb = "predicts" if len(names) == 1 else "predict"
+    return f"; {explain.listed(names)} {verb} better, but something unnamed explains more: not a cause"
 
 
 def _measured(d: Diagnosis) -> bool:

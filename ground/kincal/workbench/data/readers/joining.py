@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from kincal_shared.errors import BadInput
 
 from ...numerics.types import Array
-from ..measurements import Measurements, replicate_groups, without_copies
+from ..copies import without_copies
+from ..measurements import Measurements, replicate_groups
 
 # Made anew for the whole set, or of no rows.
 _MADE_ANEW = {
-    "source", "ids", "t_s", "order_is_time", "replicate", "skipped", "duplicates", "unknown_columns", "notes",
-    "direction_source", "whole", "orientation", "euler_rad",
+    "source", "ids", "t_s", "order_is_time", "replicate", "skipped", "duplicates", "rounded",
+    "unknown_columns", "notes", "direction_source", "whole", "orientation", "euler_rad",
 }  # fmt: skip
 
 
@@ -63,6 +64,7 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         skipped=tuple(f"{data.source}: {text}" for data in sets for text in data.skipped),
         unknown_columns=tuple(dict.fromkeys(name for data in sets for name in data.unknown_columns)),
         duplicates=sum(data.duplicates for data in sets),
+        rounded=sum(data.rounded for data in sets),
         notes=(*dict.fromkeys(note for data in sets for note in data.notes), *left_out),
         **_orientation(sets),
     )
