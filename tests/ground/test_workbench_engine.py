@@ -10,6 +10,7 @@ import pytest
 from real_arms import DATA
 from scipy import stats
 from scipy.spatial import Delaunay
+from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.cli.text import model as text
@@ -617,3 +618,25 @@ def test_absorbed_effects_have_p_values_by_their_own_columns(arm, tmp_path):
         own.append(stats.chi2.sf(((q.T @ scorer.wz) ** 2).sum() / scorer.scale**2, 2))
     want = [(np.sum(least <= p) + 1) / (len(least) + 1) for p in own]
     assert list(scoring.family_p(scorer, scored).values()) == pytest.approx(want, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("turn_rad", "shift_m", "named", "beside"),
+    [
+        ((0.0, 0.0, 4e-3), (3e-3, -2e-3, 1e-3), "base_step", ()),
+        ((3e-3, -2e-3, 0.0), (0.0, 0.0, 0.0), "base_step", ()),
+        # about the axis of joint 1: nothing in the data tells them apart
+        ((0.0, 0.0, 4e-3), (0.0, 0.0, 0.0), "bias_step[1]", ("base_step",)),
+    ],
+)
+def test_a_tracker_that_is_moved_is_no_encoder_that_jumps(library, turn_rad, shift_m, named, beside):
+    """It was named bias_step[1] with P = 1, confounded with nothing. Poses of a real arm."""
+    arm, data = wb.read_arm(DATA / "ur5" / "ur5.toml"), wb.read_csv(DATA / "ur5" / "ur5.csv", 6)
+    data = data.take(np.sort(np.random.default_rng(2).permutation(data.n)[:80]))
+    later = np.arange(80) >= 44
+    moved = data.p_m @ Rotation.from_rotvec(turn_rad).as_matrix().T + shift_m
+    data = replace(data, t_s=np.arange(80.0), p_m=np.where(later[:, None], moved, data.p_m))
+    found = wb.diagnose(arm, data, library).effects[0]
+    assert (found.name, found.accepted) == (named, True)
+    assert set(beside) <= set(found.confounded_with)
+    assert 43.0 < dict(found.constants)["t0"] < 44.0

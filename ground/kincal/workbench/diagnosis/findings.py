@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from kincal_shared.errors import CannotAnswer
-from kincal_shared.schema.names import is_unnamed
+from kincal_shared.schema.names import is_unnamed, with_constants
 
 from ..comparison.compare import Comparison
 from ..evidence.adequacy import (
@@ -22,6 +22,7 @@ from ..evidence.adequacy import (
     where_it_fails,
 )
 from ..evidence.bayes_factors import LAMBDAS
+from ..evidence.constants import choose_constants
 from ..evidence.curves import Curve, curves
 from ..evidence.scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
 from ..evidence.smooth import smooth_effect
@@ -444,7 +445,11 @@ def confounded_effects(study: Study, h: Hypothesis, posterior: Posterior) -> tup
     similar = [
         s.name
         for s in posterior.scored
-        if _another(h, s) and (posterior.probability.get(s.name, 0.0) > MENTION or imitates(s, signal, scale))
+        if _another(h, s)
+        and (
+            posterior.probability.get(s.name, 0.0) > MENTION
+            or imitates(_at_its_time(study, h, s, posterior), signal, scale)
+        )
     ]
     similar += [name for name in _moved_base(h, posterior) if name not in similar]
     alone = {effect_of(name) for name in similar if place_of(name)}
@@ -458,6 +463,19 @@ def _another(h: Hypothesis, other: Scored[Hypothesis]) -> bool:
     """Not the same effect, nor that with all joints or one of them, and visible in the data."""
     same = effect_of(other.name) == h.effect and (not place_of(other.name) or h.name == h.effect)
     return other.name != h.name and not same and other.score.absorbed < ABSORBED
+
+
+def _at_its_time(
+    study: Study, h: Hypothesis, other: Scored[Hypothesis], posterior: Posterior
+) -> Scored[Hypothesis]:
+    """Another effect with the same constants (a step: its moment) as one that follows time, where it has them:
+    the moment with most evidence for the other may be a pose earlier or later, and then it imitates nothing."""
+    names = [name for name, _ in h.constants]
+    if not (h.of_session and names and names == [name for name, _ in other.best.constants]):
+        return other
+    text = with_constants(other.name, dict(h.constants))
+    same = choose_constants(study.library, [text], study.base.arm, study.base.data, dh=study.dh)
+    return replace(other, make=lambda: np.hstack(posterior.scorer.columns.hypotheses(same)))
 
 
 def _moved_base(h: Hypothesis, posterior: Posterior) -> list[str]:
