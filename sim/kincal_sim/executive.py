@@ -298,6 +298,7 @@ class Executive:
             ("predicted position error", p.pred_pos_m, limits.pred_pos_max_m),
             ("predicted rotation error", p.pred_rot_rad, limits.pred_rot_max_rad),
             ("outliers", p.n_outliers, limits.outliers_max),
+            ("share of outliers", p.n_outliers / max(p.n_poses, 1), limits.outliers_share_max),
             ("coefficients that are held or at a bound", _undetermined(p), limits.undetermined_max),
         ):
             if not got <= allowed:  # NaN is a violation too

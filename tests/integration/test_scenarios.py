@@ -246,7 +246,8 @@ def test_executive_starts_when_flight_arm_and_pan_tilt_unit_are_there_and_approv
         ({"pred_rot_rad": float("nan")}, "predicted rotation error nan"),
         ({"n_coef": 3, "status": [0, HELD, 0] + 61 * [0]}, "coefficients that are held or at a bound 1 > 0"),
         ({"n_coef": 3, "status": [AT_LOWER, AT_UPPER, 0] + 61 * [0]}, "held or at a bound 2 > 0"),
-        ({"n_outliers": 99}, "outliers 99"),
+        ({"n_outliers": 3, "n_poses": 64}, "outliers 3 > 2"),
+        ({"n_outliers": 2, "n_poses": 13}, "share of outliers 0.1538 > 0.15"),
         ({"p_fit": 3e-24}, "left to the ground: p of the fit 3e-24 < 0.001"),
         ({"p_fit": float("nan")}, "p of the fit nan"),
         ({"verdict": kcm.proposal_t.POOR}, "the fit is poor"),
@@ -264,7 +265,7 @@ def test_the_executive_asks_of_a_fit_what_the_policy_on_board_asks():
     assert load("paper").executive.p_fit_min == config["accept_p_fit_min"]
     assert load("paper").executive.pred_pos_max_m == config["accept_sigma_max_pos_m"]
     f = Flight(p_fit_min=0.5).started()
-    f.decide(p_fit=0.5)
+    f.decide(p_fit=0.5, n_outliers=2, n_poses=14)
     assert f.opcodes == [START, ARM]
 
 

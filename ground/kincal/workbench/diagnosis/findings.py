@@ -468,8 +468,8 @@ def _another(h: Hypothesis, other: Scored[Hypothesis]) -> bool:
 def _at_its_time(
     study: Study, h: Hypothesis, other: Scored[Hypothesis], posterior: Posterior
 ) -> Scored[Hypothesis]:
-    """Another effect with the same constants (a step: its moment) as one that follows time, where it has them:
-    the moment with most evidence for the other may be a pose earlier or later, and then it imitates nothing."""
+    """Another effect with the same constants (a step: its moment) as one that follows time, where it has
+    them: the moment with most evidence for the other may be a pose off, and then it imitates nothing."""
     names = [name for name, _ in h.constants]
     if not (h.of_session and names and names == [name for name, _ in other.best.constants]):
         return other
