@@ -174,6 +174,7 @@ def see(tmp_path, journal, p=None, by="A. Reviewer"):
 
 def test_approval_is_two_commands_bound_to_the_crc_and_recorded(tmp_path, journal):
     shown = see(tmp_path, journal)
+    assert "pred_pos_m 0.30 mm predicted position error" in shown and "does not hold" not in shown
     assert "review arm" in shown and "note in the journal" not in shown  # --by has just noted it
     with FakeFlight(CRC) as flight:
         run = decide(flight, "arm", journal)
@@ -288,6 +289,9 @@ def test_a_poor_proposal_needs_an_override_and_its_reason_is_kept(tmp_path, jour
     assert "reason to reject: flight itself calls the fit poor" in text
     assert "kincal review arm fedcba98 --by NAME --why REASON --override REASON" in text
     assert text.index("kincal review reject") < text.index("kincal review arm")
+    for number in ("pred_pos_m 0.30 mm", "bound_pos_m 0.40 mm", "p_no_change 1e-09"):
+        assert f"{number} does not hold: the fit is poor" in text
+    assert "sigma, correlations, predicted error, its bound and p_no_change assume" in text
     with FakeFlight(CRC, verdict=POOR) as flight:
         for extra in ((), ("--override", " ")):
             run = decide(flight, "arm", journal, *extra)
@@ -697,6 +701,7 @@ def test_review_page_of_a_poor_proposal_says_that_flight_waits_and_why_to_reject
     assert "There are reasons to reject this correction: only an override" in text
     assert "Reason to reject: flight itself calls the fit poor" in text
     assert "nothing to decide" not in text
+    assert "does not hold: the fit is poor" in text and "do not hold; the error can be much larger" in text
     assert text.index("kincal review reject fedcba98") < text.index("kincal review arm fedcba98")
     assert "--override REASON" in text
 

@@ -148,6 +148,19 @@ def test_a_threshold_is_kept_up_to_its_value(good, key, limit, beyond):
     }
 
 
+@pytest.mark.parametrize(
+    ("verdict", "p_fit", "holds"),
+    [("CHANGE", 0.57, True), ("CHANGE", 1e-6, False), ("POOR", 0.57, False), ("NO_CHANGE", 0.57, True)],
+)
+def test_what_comes_from_the_covariance_holds_for_a_good_fit_only(good, verdict, p_fit, holds):
+    """The review of a poor fit showed a bound of the error as if it held."""
+    r = with_numbers(replace(good, verdict=VERDICTS[verdict]), p_fit=p_fit)
+    void = {key for key, asked in thresholds(r, read_limits(BIN)).items() if not asked.holds}
+    names = {f"{what}_{unit}" for unit in ("pos_m", "rot_rad")
+             for what in ("pred", "pred_camera", "pred_lander", "pred_noise", "bound")}  # fmt: skip
+    assert void == (set() if holds else names | {"p_no_change", "confidence", "n_checked"})
+
+
 def tables_that_stop(folder, **changes):
     """Folder with a CONFIG table that ends a calibration when it is good enough."""
     _, config = codec.decode_as("config", (BIN / "config.tbl").read_bytes())

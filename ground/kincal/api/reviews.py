@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from kincal.flight.tables import decode_as
 from kincal.link import crc_text, read_log, unsigned32
 from kincal.operate.recording import recordings
-from kincal.review import Review, changes, find, history, reasons_to_reject, warnings
+from kincal.review import OF_A_GOOD_FIT, Review, changes, find, history, poor_fit, reasons_to_reject, warnings
 from kincal.review import journal as journals
 from kincal.review.changes import Changes
 from kincal.review.history import History, Trend
@@ -94,6 +94,7 @@ class Shown:
             "poses": r.n_poses,
             "outliers": r.n_outliers,
             "numbers": r.numbers,
+            "do_not_hold": sorted(OF_A_GOOD_FIT) if poor_fit(r) else [],
             "reasons_to_reject": reasons_to_reject(r),
             "look_at": self.warnings,
             "changes": self.changes.as_dict(),

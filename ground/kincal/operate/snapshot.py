@@ -504,7 +504,7 @@ _ITEMS: tuple[_Row, ...] = (
         lambda m, _: f"{m.res_pos_m * 1e3:.2f} mm, {m.res_rot_rad * _RAD:.3f} deg",
     ),
     (
-        "predicted", "predicted sigma", "m", "KC_PROGRESS", lambda m: m.pred_pos_m,
+        "predicted", "predicted sigma, noise alone", "m", "KC_PROGRESS", lambda m: m.pred_pos_m,
         lambda m, _: f"{m.pred_pos_m * 1e3:.2f} mm, {m.pred_rot_rad * _RAD:.3f} deg",
     ),
 )  # fmt: skip

@@ -111,7 +111,8 @@ NUMBERS = (
     ("before_rot_rad", "rad", "RMS rotation residual with the table in force, rejected poses left out"),
     ("fit_pos_m", "m", "RMS position residual of the same poses with the proposed values"),
     ("fit_rot_rad", "rad", "RMS rotation residual of the same poses with the proposed values"),
-    ("pred_pos_m", "m", "predicted position error over the search space, in the frame it has to be right in"),
+    ("pred_pos_m", "m", "predicted position error over the search space, in the frame it has to be right in: "
+     "of the noise and of camera, mast and tags as CAMERA states them"),
     ("pred_rot_rad", "rad", "predicted rotation error over the search space, in that frame"),
     ("confidence", "", "probability that the error is within the bounds that follow; 0: they are RMS"),
     ("bound_pos_m", "m", "bound of the position error over the search space, RMS"),
@@ -121,9 +122,19 @@ NUMBERS = (
     ("pred_camera_rot_rad", "rad", "rotation, camera's frame"),
     ("pred_lander_pos_m", "m", "position, lander's frame: the base frame of the arm"),
     ("pred_lander_rot_rad", "rad", "rotation, lander's frame"),
-    ("pred_noise_pos_m", "m", "position, by the noise of the detections alone"),
+    ("pred_noise_pos_m", "m", "position, by the noise of the detections alone: the part of pred_pos_m that "
+     "each pose reports as predicted sigma"),
     ("pred_noise_rot_rad", "rad", "rotation, by the noise of the detections alone"),
+)  # fmt: skip
+OF_A_GOOD_FIT = frozenset(
+    (
+        "p_no_change",
+        "confidence",
+        "n_checked",
+        *(key for key, _u, _t in NUMBERS if key[:5] in ("pred_", "bound")),
+    )
 )
+"""Numbers that are made from the covariance: they hold only where the model explains the data."""
 
 
 def from_message(p: Any, names: list[str]) -> Review:
@@ -234,6 +245,12 @@ def called_poor(numbers: Mapping[str, float]) -> str:
     if _bad_fit(numbers):
         return text
     return f"{text} (its numbers do not say why: see CAL_CHANGED, CAL_OUTLIER or CAL_EST before it)"
+
+
+def poor_fit(review: Review) -> bool:
+    """Whether the model does not explain the data, by flight's verdict or by p: the covariance does not hold
+    then, nor does what is made from it."""
+    return review.verdict == VERDICTS["POOR"] or bool(_bad_fit(review.numbers))
 
 
 def _bad_fit(numbers: Mapping[str, float]) -> str:

@@ -12,14 +12,14 @@ from kincal.api.corrected import Corrected
 from kincal.api.previews import Asked, RolledBack
 from kincal.cli.text.layout import grid
 from kincal.results import angle_text, chance_text, length_text
-from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
+from kincal.review import NUMBERS, CoefLine, Review, poor_fit, reasons_to_reject
 from kincal.review.changes import Changes, amount
 from kincal.review.decisions import OnBoard
 from kincal.review.history import History, Trend, decided, utc
 from kincal.review.journal import Entry, Journal, one_line, unfinished
 from kincal.review.residuals import PoseResidual
 from kincal.review.status import Choice, Listed, Status, choices, see_first
-from kincal.review.thresholds import Limits, Threshold, thresholds
+from kincal.review.thresholds import SIGMA_DOES_NOT_HOLD, Limits, Threshold, thresholds
 
 _WORST = 5
 _MILLI = {"rad": "mrad", "m": "mm"}
@@ -131,6 +131,8 @@ def show(
     )
     if r.ended:
         out.print(f"measuring ended: {r.ended}")
+    if poor_fit(r):
+        out.print(f"[red]{SIGMA_DOES_NOT_HOLD}[/]", soft_wrap=True)
     if changes is not None:
         what_changes(out, changes, {c.name: c.confounded for c in r.coefs})
     what_is_near(out, clearance)
@@ -278,4 +280,6 @@ def _numbers(r: Review, limits: Limits | None) -> Table:
 def _asked(threshold: Threshold | None) -> str:
     if threshold is None:
         return ""
+    if not threshold.holds:
+        return f"[red]{threshold.text}[/]"
     return f"[red]NOT {threshold.text}[/]" if threshold.kept is False else threshold.text
