@@ -36,10 +36,12 @@ def audit_log(key_file: Path, journal: Path | None) -> None:
     Example:
         kincal audit log
     """
-    from kincal.api.reviews import read_journals
+    from kincal.api.reviews import read_journals, refuse_broken
 
-    for one in read_journals((), journal, key_file):
+    found = read_journals((), journal, key_file, journals.look)
+    for one in found:
         text.decisions(console(), one)
+    refuse_broken(found)
 
 
 @audit.command("verify")

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from kincal import link as links
 from kincal.cli.terminal import console
-from kincal.cli.wire import URL
-from kincal_shared.errors import CommandFailed
+from kincal.cli.wire import JOURNAL, KEYS, URL
+from kincal.review import journal as journals
+from kincal_shared.errors import BadInput, CommandFailed
 
 if TYPE_CHECKING:
-    from kincal.api.operate import EventLine
+    from kincal.api.operate import EventLine, Status
+    from kincal.api.reviews import Known
 
 
 def _with_recorded(events: tuple[EventLine, ...], url: str) -> tuple[EventLine, ...]:
@@ -28,15 +31,40 @@ def _with_recorded(events: tuple[EventLine, ...], url: str) -> tuple[EventLine, 
     return (*before, *events)[-SHOWN_EVENTS:]
 
 
+def _of_journal(s: Status, key_file: Path, journal: Path | None) -> Known:
+    """What the journal says of the correction that waits; keys and journal may be missing: looking needs
+    neither."""
+    from kincal.api.reviews import Known, known, read_journals
+
+    if not s.waiting.crc:
+        return Known()
+    try:
+        found = read_journals((), journal, key_file, journals.look)
+    except BadInput as error:  # the key file
+        return Known(broken=str(error))
+    return known(found, int(s.waiting.crc, 16), s.waiting.verdict, s.waiting.armed)
+
+
 @click.command()
 @URL
 @click.option("--seconds", type=float, default=2.5, show_default=True, help="How long to listen first.")
 @click.option("--all", "all_items", is_flag=True, help="Every value of telemetry.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 @click.option("--repeat", is_flag=True, help="Print it again and again, until Ctrl-C.")
-def status(url: str, seconds: float, all_items: bool, as_json: bool, repeat: bool) -> None:
+@KEYS
+@JOURNAL
+def status(
+    url: str,
+    seconds: float,
+    all_items: bool,
+    as_json: bool,
+    repeat: bool,
+    key_file: Path,
+    journal: Path | None,
+) -> None:
     """State of flight on one screen: what waits for whom, the age of each value (fresh, stale, unknown), the
-    correction that waits, the last events with cause and action, the tables in force.
+    correction that waits with what the journal says of it (reasons to reject it, the override that armed it,
+    open questions), the last events with cause and action, the tables in force.
 
     A value is stale if it was received too long ago, if its time stamp is too old, or if flight was started
     again since. Exit status 1 if no housekeeping came.
@@ -55,12 +83,14 @@ def status(url: str, seconds: float, all_items: bool, as_json: bool, repeat: boo
             found = snapshot.status(link.clock_s(), time.time(), text.SHOWN_EVENTS)
             if len(found.events) < text.SHOWN_EVENTS:
                 found = replace(found, events=_with_recorded(found.events, url))
+            said = _of_journal(found, key_file, journal)
             if as_json:
-                click.echo(json.dumps(found.as_dict(), indent=None if repeat else 1))
+                plain = {**found.as_dict(), "journal": asdict(said)}
+                click.echo(json.dumps(plain, indent=None if repeat else 1))
             else:
                 if repeat and out.is_terminal:
                     out.clear()
-                text.status(out, found, url, all_items)
+                text.status(out, found, url, all_items, said)
             if not repeat:
                 break
     if snapshot.hk is None:

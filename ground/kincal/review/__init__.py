@@ -5,6 +5,7 @@ line in an append-only journal (journal.py)."""
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -239,6 +240,18 @@ def reasons_to_reject(review: Review | Entry) -> list[str]:
     return [*(text for text in by_numbers if text), *review.against]
 
 
+def reasons_known(seen: Sequence[Entry], verdict: str) -> list[str]:
+    """Reasons to reject what waits, as they were seen last, and clearance as anybody has seen it; verdict:
+    that flight states now, "" if it has lost it."""
+    lost = [] if verdict else ["flight has lost its verdict"]
+    if not seen:
+        return ["flight itself calls the fit poor"] if verdict == VERDICTS["POOR"] else lost
+    last = max(seen, key=lambda entry: entry.time)
+    against = tuple(dict.fromkeys(reason for entry in seen for reason in entry.against))
+    last = dataclasses.replace(last, verdict=verdict or last.verdict, against=against)
+    return [*reasons_to_reject(last), *lost]
+
+
 def called_poor(numbers: Mapping[str, float]) -> str:
     """That flight's verdict is POOR, and where to look for the reason if it is not in the numbers."""
     text = "flight itself calls the fit poor"
@@ -334,11 +347,13 @@ def record(
     command: str = "",
     armed_key: int = 0,
     kind: str = "",
+    answers: int = 0,
 ) -> Entry:
     """Append one decision, which the last command of the signer carried out, or what was seen or attempted;
     review: the proposal, or an entry that has its numbers; override: why it was approved in spite of the
     reasons to reject it; command: that was attempted or refused; armed_key: that took the first step of what
-    is approved; kind: of the table that the command is about. Refuses when the journal was tampered with."""
+    is approved; kind: of the table that the command is about; answers: line of the question that a comment
+    answers. Refuses when the journal was tampered with."""
     check_words(by, why)
     entry = Entry(
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -355,6 +370,7 @@ def record(
         armed_key=armed_key,
         against=tuple(review.against) if review else (),
         kind=kind,
+        answers=answers,
     )
     return journals.append(journal, entry, signer)
 

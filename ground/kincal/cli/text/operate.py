@@ -20,6 +20,7 @@ from kincal.api.operate import (
     Tracked,
     Unmet,
 )
+from kincal.api.reviews import Known
 from kincal.cli.text.layout import grid
 from kincal.cli.text.run import POSE_HEAD, pose_line
 
@@ -28,15 +29,17 @@ _SEVERITY = {"error": "red", "warning": "yellow"}
 SHOWN_EVENTS = 6
 
 
-def status(out: Console, s: Status, url: str, all_items: bool = False) -> None:
-    """One screen: state and what waits for whom, the correction that waits, ages, tables, events."""
+def status(out: Console, s: Status, url: str, all_items: bool = False, said: Known = Known()) -> None:  # noqa: B008
+    """One screen: state and what waits for whom, the correction that waits and what the journal says of it,
+    ages, tables, events."""
     state = escape(s.state) or "state unknown"
     mark = f" [yellow]({STALE})[/]" if s.state_freshness.status == STALE else ""
     boots = "" if s.boot_count is None else f"; start {s.boot_count} of flight"
     out.print(f"[bold]{state}[/]{mark}  {s.utc[:19]}Z  {escape(url)}{boots}")
-    known = s.state_freshness.status == FRESH
-    out.print(f"{'waits for' if known else 'who has to act is'} {escape(s.waits_for)}")
+    fresh = s.state_freshness.status == FRESH
+    out.print(f"{'waits for' if fresh else 'who has to act is'} {escape(s.waits_for)}")
     _waiting(out, s)
+    known(out, said, "  ")
     _trouble(out, s)
     _tables(out, s)
     _items(out, [i for i in s.items if all_items or i.key not in _REST])
@@ -61,6 +64,20 @@ def _waiting(out: Console, s: Status) -> None:
     out.print(
         f"correction [bold]{w.crc}[/] waits: {verdict}{armed}; `kincal review list --live` says what to do"
     )
+
+
+def known(out: Console, said: Known, indent: str = "") -> None:
+    """What the journals say of a correction that waits."""
+    mark = " [red](of a journal that does not verify)[/]" if said.broken else ""
+    if said.broken:
+        out.print(f"{indent}[red]{escape(said.broken)}[/]", soft_wrap=True)
+    for reason in said.reasons:
+        out.print(f"{indent}[red]reason to reject: {escape(reason)}[/]{mark}", soft_wrap=True)
+    if said.override:
+        text = f"armed by override of these reasons: {escape(said.override)}"
+        out.print(f"{indent}[red]{text}[/]{mark}", soft_wrap=True)
+    for text in said.questions:
+        out.print(f"{indent}[yellow]look at: {escape(text)}[/]{mark}", soft_wrap=True)
 
 
 def _trouble(out: Console, s: Status) -> None:
