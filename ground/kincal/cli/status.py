@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import asdict, replace
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,18 +18,30 @@ from kincal.review import journal as journals
 from kincal_shared.errors import BadInput, CommandFailed
 
 if TYPE_CHECKING:
-    from kincal.api.operate import EventLine, Status
+    from kincal.api.operate import Status
     from kincal.api.reviews import Known
 
 
-def _with_recorded(events: tuple[EventLine, ...], url: str) -> tuple[EventLine, ...]:
-    """The last events, with those of before this program began to listen from the recording of the link."""
+RECORDING_S = 10.0
+"""A recording without a message for so long has ended: housekeeping comes every second."""
+
+
+def _with_recorded(found: Status, url: str) -> Status:
+    """With the last events of before this program began to listen, from the recording of the link."""
     from kincal.cli.text.operate import SHOWN_EVENTS
     from kincal.operate.recording import recent_events
 
-    here = {(e.t_us, e.seq, e.id) for e in events}
-    before = [e for e in recent_events(url, SHOWN_EVENTS) if (e.t_us, e.seq, e.id) not in here]
-    return (*before, *events)[-SHOWN_EVENTS:]
+    recent = recent_events(url, SHOWN_EVENTS)
+    here = {(e.t_us, e.seq, e.id) for e in found.events}
+    before = [e for e in recent.events if (e.t_us, e.seq, e.id) not in here]
+    events = (*before, *found.events)[-SHOWN_EVENTS:]
+    if not any(e.recorded for e in events):
+        return replace(found, events=events)
+    silent_s = time.time() - datetime.fromisoformat(recent.utc).timestamp()
+    stands = f"of {recent.file}"
+    if silent_s > RECORDING_S:
+        stands += f", which ended at {recent.utc[:19]}Z: nothing is known of what happened since then"
+    return replace(found, events=events, recording=stands)
 
 
 def _of_journal(s: Status, key_file: Path, journal: Path | None) -> Known:
@@ -82,7 +95,7 @@ def status(
             operate.listen(link, snapshot, seconds, lambda _s: False)
             found = snapshot.status(link.clock_s(), time.time(), text.SHOWN_EVENTS)
             if len(found.events) < text.SHOWN_EVENTS:
-                found = replace(found, events=_with_recorded(found.events, url))
+                found = _with_recorded(found, url)
             said = _of_journal(found, key_file, journal)
             if as_json:
                 plain = {**found.as_dict(), "journal": asdict(said)}
