@@ -380,6 +380,10 @@ def test_the_preview_of_a_rollback_says_how_near_the_arm_comes(tmp_path, own_key
     out = Console(record=True, width=200, file=io.StringIO())
     text.rolled_back(out, found)
     said = out.export_text()
+    assert (
+        f"from KIN table {now.crc:08x} back to {before.crc:08x} (values from {tmp_path}/before.tbl)" in said
+    )
+    assert (found.as_dict()["from"], found.as_dict()["to"]) == (now.crc_text, before.crc_text)
     assert "rolled back" in said and "-21.7 mm" in said and f"against it: {NEAR}" in said
     picture, hk = Picture(Geometry(BIN)), kcm.hk_t()
     hk.table_crc, hk.kin_prev_crc = [signed(c) for c in crcs], signed(before.crc)
@@ -388,6 +392,7 @@ def test_the_preview_of_a_rollback_says_how_near_the_arm_comes(tmp_path, own_key
     desk.clearances = SimpleNamespace(ask=lambda *_given: Found("done", found.corrected))
     desk._values = lambda crc: KinValues(crc, tuple(nominal if crc == now.crc else back))
     page = desk.rollback_preview()
+    assert (page["crc"], page["to"]) == (now.crc_text, before.crc_text)
     assert page["against"] == [reason] and page["clearance"]["status"] == "done"
     assert [s["title"] for s in page["near"]][0] == "Clearance with the table before"
     other = previews.what_rolls_back(in_force(kin=now.crc, space=0x77), before.crc, BIN, places)

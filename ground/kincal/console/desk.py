@@ -215,6 +215,7 @@ class Desk:
         grid = Grid.of("<coefficient|in force|rolled back|change", rows)
         return {
             "crc": crc_text(now.crc),
+            "to": crc_text(previous.crc),
             "headline": found.changes.headline,
             "grid": plain_grid(grid),
             "against": [reason.text for reason in found.changes.reasons],

@@ -152,6 +152,14 @@ def utc_text(utc_s: float) -> str:
     return datetime.datetime.fromtimestamp(utc_s, datetime.UTC).isoformat(timespec="milliseconds")
 
 
+ASKING = 1
+"""Counter of a question: those of commands begin at the clock."""
+_ASKED = (
+    "Somebody with this key asked which counter flight has accepted last: `kincal audit verify --live`, or a "
+    "console, whose journal has no line. This refusal is the answer."
+)
+
+
 class Senders:
     """Whether more than one flight is heard: another one on the same network, or a recording that is replayed
     there. Of one flight the starts only grow, and so do the clock from one start to the next and the number
@@ -431,6 +439,8 @@ def event_of(e: Event, utc: str = "") -> EventLine:
     cause, todo = event_cause(e.id), event_todo(e.id)
     if line.name == "CAL_ABORTED" and math.isfinite(e.got):
         cause, todo = event_names()["cause"].get(int(e.got), cause), abort_todo(int(e.got)) or todo
+    if line.name == "CMD_REPLAYED" and e.got == ASKING:
+        cause, todo = _ASKED, "Nothing."
     return EventLine(e.t_us, utc, e.seq, line.severity, e.id, line.name, text, cause, todo)
 
 

@@ -240,6 +240,12 @@ def what_is_near(out: Console, found: Corrected | str, new: str = "proposed") ->
 
 def rolled_back(out: Console, found: RolledBack) -> None:
     """What a rollback brings back."""
+    now, before = found.now, found.before
+    place = f" (values from {before.where})" if before.where else ""
+    out.print(
+        f"[bold]rollback: from KIN table {now.crc:08x} back to {before.crc:08x}[/]{escape(place)}",
+        soft_wrap=True,
+    )
     what_changes(out, found.changes)
     what_is_near(out, found.corrected or found.why_not, "rolled back")
 
