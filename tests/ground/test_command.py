@@ -164,7 +164,9 @@ def test_a_command_is_stamped_by_housekeeping_not_by_the_arm(journal, key_file):
 
 def test_a_dry_run_sends_nothing_and_names_what_is_not_met(journal):
     with FakeFlight(CRC) as flight:
-        run = kincal("command", "rollback", "1", "--dry-run", "--url", flight.url, "--journal", journal)
+        run = kincal(
+            "command", "rollback", "00000001", "--dry-run", "--url", flight.url, "--journal", journal
+        )
         assert run.exit_code == 1, run.output
         assert "not met: state IDLE or SAFE; found: REVIEW, by housekeeping received" in run.output
         assert "flight would refuse ROLLBACK; nothing was sent" in " ".join(run.output.split())

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -279,14 +280,12 @@ def _larger_residual(numbers: Mapping[str, float]) -> str:
 
 
 def parse_crc(text: str) -> int:
-    """A CRC from up to eight hex digits; BadInput if it is none."""
-    try:
-        value = int(text, 16)
-    except ValueError:
-        value = -1
-    if not 0 <= value <= 0xFFFFFFFF:
-        raise BadInput(f"{text!r} is not a CRC", todo="give its eight hex digits as listed")
-    return value
+    """A CRC from its eight hex digits; BadInput if it is none: one with digits left out would be another."""
+    if not re.fullmatch(r"(0[xX])?[0-9a-fA-F]{8}", text):
+        raise BadInput(
+            f"{text!r} is not a CRC", todo="give its eight hex digits as listed: 1a2b3c4d or 0x1a2b3c4d"
+        )
+    return int(text, 16)
 
 
 def coef_names(tables_dir: Path, terms_crc: int = 0) -> list[str]:
