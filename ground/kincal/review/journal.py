@@ -176,7 +176,11 @@ def read(path: Path, keys: Sequence[Key] = ()) -> Journal:
             lock(file, path, LOCK_WAIT_S, fcntl.LOCK_SH)
             return _parsed(path, file.readall(), keys)
     except OSError as error:
-        raise BadInput(f"the review journal cannot be read: {error.strerror}", str(path)) from None
+        raise BadInput(
+            f"the review journal cannot be read: {error.strerror}",
+            str(path),
+            "see to its permissions, or name another by --journal",
+        ) from None
 
 
 def look(path: Path, keys: Sequence[Key] = ()) -> Journal:
