@@ -769,13 +769,13 @@ def test_the_error_at_other_poses_is_that_of_the_exported_code(folder, tmp_path,
     given = ("model", "predict", "--model", "M.toml", "--data")
     before = (folder / "M.toml").read_bytes()
     found = json.loads(kincal(folder, *given, str(new), "--json").output)
-    data, off = wb.read_csv(new, 7), {"nominal": [], "fitted": []}
+    data, off = wb.read_csv(new, 7), {"nominal": [], "model": []}
     for i in range(data.n):
         d = drivers_at(data, i, {*module.DEFAULTS, *module.NEEDED})
         fitted = (
             module.measured(data.q[i], **d) if hasattr(module, "measured") else module.forward(data.q[i], **d)
         )
-        for name, (p, R) in (("nominal", module.nominal(data.q[i])), ("fitted", fitted)):
+        for name, (p, R) in (("nominal", module.nominal(data.q[i])), ("model", fitted)):
             turn = 0.0
             if not position_only:
                 turn = (
@@ -786,11 +786,11 @@ def test_the_error_at_other_poses_is_that_of_the_exported_code(folder, tmp_path,
         pos, rot = 1e3 * np.sqrt(np.mean(np.square(off[error["model"]]), axis=0))
         assert error["pos_mm"] == pytest.approx(pos, abs=1e-5)
         assert error["rot_mrad"] == (None if position_only else pytest.approx(rot, abs=1e-4))
-    size = 1e3 * np.array(off["fitted"])
-    assert found["largest"]["pos_mm"] == pytest.approx(size[:, 0].max(), abs=1e-5)
+    size = 1e3 * np.array(off["model"])
+    assert found["max"]["pos_mm"] == pytest.approx(size[:, 0].max(), abs=1e-5)
     assert found["worst_poses"][0]["id"] == data.ids[int(size[:, 0].argmax())]
     nominal, fitted = (error["pos_mm"] for error in found["errors"])
-    assert found["when_fitted"]["pos_mm"] < fitted < nominal and found["fitted_to"] == []
+    assert found["held"]["pos_mm"] < fitted < nominal and found["fit_data"] == []
     assert (folder / "M.toml").read_bytes() == before
     said = kincal(folder, *given, "poses.csv").output
     assert f"note: the model was fitted to {folder / 'poses.csv'}: this is no prediction" in said

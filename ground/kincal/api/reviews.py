@@ -46,7 +46,7 @@ def read_journals(
     key_file: Path,
     how: Callable[[Path, Sequence[Key]], Journal] = journals.read,
 ) -> list[Journal]:
-    """The journal, and those beside the logs, each checked with its keys. how: `journals.look` also takes
+    """The journal, and those beside the logs, each checked with its keys. how: `journals.inspect` also takes
     those that were changed, to be shown."""
     file = file_of(key_file)
     mine = how(journals.place(journal, file), read_keys(file) if file.exists() else ())

@@ -38,7 +38,7 @@ def audit_log(key_file: Path, journal: Path | None) -> None:
     """
     from kincal.api.reviews import read_journals, refuse_broken
 
-    found = read_journals((), journal, key_file, journals.look)
+    found = read_journals((), journal, key_file, journals.inspect)
     for one in found:
         text.decisions(console(), one)
     refuse_broken(found)

@@ -68,7 +68,7 @@ def review_list(
     from kincal.api.reviews import absent, known, proposals, read_journals, refuse_broken
     from kincal.review import decisions
 
-    out, found = console(), read_journals(logs, journal, key_file, journals.look)
+    out, found = console(), read_journals(logs, journal, key_file, journals.inspect)
     text.proposals(out, proposals(logs, found))
     if live:
         with link.Link(url) as up:
@@ -176,7 +176,7 @@ def review_show(
         crc, file = _waiting(url, who, recordings, key_file, tables_dir, before, space, as_json)
     if file is None:
         raise BadInput("no log", todo="name one, or --live for what waits on board")
-    read = reviews.read_journals((file,), journal, key_file, journals.look)
+    read = reviews.read_journals((file,), journal, key_file, journals.inspect)
     shown = reviews.show(file, crc, tables_dir, read, before, space)
     found, warnings, about, limits = shown.review, shown.warnings, shown.about, shown.limits
     changes, clearance = shown.changes, shown.corrected or shown.why_not
@@ -408,7 +408,7 @@ def _dry_run(verb: str, crc: str, given: Decision, override: str = "") -> None:
     age = snapshot.freshness("KC_HK", now_s)
     waits = snapshot.waiting(now_s)
     if verb != "reject" and waits.crc == crc_text(number):
-        read = reviews.read_journals((), given["journal"], given["key_file"], journals.look)
+        read = reviews.read_journals((), given["journal"], given["key_file"], journals.inspect)
         known = reviews.known(read, number, waits.verdict, waits.armed)
         text.known(console(), known)
         if verb == "arm" and known.reasons and not override:

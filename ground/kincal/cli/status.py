@@ -52,7 +52,7 @@ def _of_journal(s: Status, key_file: Path, journal: Path | None) -> Known:
     if not s.waiting.crc:
         return Known()
     try:
-        found = read_journals((), journal, key_file, journals.look)
+        found = read_journals((), journal, key_file, journals.inspect)
     except BadInput as error:  # the key file
         return Known(broken=str(error))
     return known(found, int(s.waiting.crc, 16), s.waiting.verdict, s.waiting.armed)

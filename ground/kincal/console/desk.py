@@ -117,10 +117,10 @@ class Desk:
         """Where decisions are written."""
         return journal.place(self.journal_file, file_of(self.key_file))
 
-    def look(self) -> journal.Journal:
+    def inspect(self) -> journal.Journal:
         """The journal, to be shown: one that was changed says so."""
         keys = file_of(self.key_file)
-        return journal.look(self.journal_path, read_keys(keys) if keys.exists() else ())
+        return journal.inspect(self.journal_path, read_keys(keys) if keys.exists() else ())
 
     def entries(self) -> tuple[journal.Entry, ...]:
         """The lines of the journal. BadInput if it was changed."""
@@ -314,7 +314,7 @@ class Desk:
     def review(self, crc: str) -> Plain:
         """A correction as its page shows it, and what can be decided."""
         found, limits = self._found(crc), read_limits(self.tables_dir)
-        kept = self.look()
+        kept = self.inspect()
         lines = [e for e in kept.entries if e.crc == crc]
         about = status(self.picture.summary(), found, lines)
         clear = self._clearance(found)
@@ -383,7 +383,7 @@ class Desk:
         known, why = (clear.corrected, clear.why) if clear else (None, "")
         limits = read_limits(self.tables_dir)
         found, _, stands_out = with_clearance(found, self._changes(found, limits), known, why)
-        open_, entries = self.look().open_questions(crc), self.entries()
+        open_, entries = self.inspect().open_questions(crc), self.entries()
         stands_out = [*stands_out, *(journal.question_text(n, e) for n, e in open_.items())]
         who = by.strip().casefold()
         lines = [(n, e) for n, e in enumerate(entries, 1) if (e.crc, e.decision) == (crc, journal.SEEN)]

@@ -126,7 +126,7 @@ class Entry:
 @dataclass(frozen=True)
 class Journal:
     """What a journal holds. unconfirmed: how many of its last lines no key vouches for; why: in words; keys:
-    that it was checked with; broken: what `look` found wrong with it, None if it is sound."""
+    that it was checked with; broken: what `inspect` found wrong with it, None if it is sound."""
 
     path: Path
     entries: tuple[Entry, ...] = ()
@@ -183,7 +183,7 @@ def read(path: Path, keys: Sequence[Key] = ()) -> Journal:
         ) from None
 
 
-def look(path: Path, keys: Sequence[Key] = ()) -> Journal:
+def inspect(path: Path, keys: Sequence[Key] = ()) -> Journal:
     """As `read`, but of a journal that was changed all lines that can be read, which no key vouches for: to
     show them, never to decide by them."""
     try:
@@ -544,7 +544,7 @@ MISSING_TODO = (
 
 def of_run(log: Path, how: Callable[[Path, Sequence[Key]], Journal] = read) -> Journal | None:
     """The journal of a run, beside its log, checked with the keys of the run if they are there; None if there
-    is neither. how: `read` or `look`, and its errors."""
+    is neither. how: `read` or `inspect`, and its errors."""
     path, keys = log.with_name(NAME), log.with_name(RUN_KEYS)
     if not path.is_file() and not keys.is_file():
         return None

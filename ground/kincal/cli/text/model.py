@@ -200,12 +200,12 @@ def predicted_json(p: Predicted) -> dict[str, Any]:
         "skipped": p.skipped,
         "errors": [
             {"model": "nominal", **_milli(p.nominal)},
-            {"model": "fitted", **_milli(p.model)},
+            {"model": "model", **_milli(p.model)},
         ],
-        "largest": _milli(p.largest),
-        "when_fitted": None if p.held is None else _milli(p.held),
+        "max": _milli(p.largest),
+        "held": None if p.held is None else _milli(p.held),
         "worst_poses": [{"id": w.id, **_milli((w.pos_m, w.rot_rad))} for w in p.worst],
-        "fitted_to": list(p.fitted),
+        "fit_data": list(p.fitted),
     }
 
 
