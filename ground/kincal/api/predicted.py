@@ -11,9 +11,10 @@ from kincal.export import CalibratedArm
 from kincal.export.calibrated import BASE, TOOL
 from kincal.workbench.comparison.compare import PosRot
 from kincal.workbench.comparison.fitrecord import file_digest
+from kincal.workbench.comparison.fitting import check_needs
 from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.fit.least_squares import rms
-from kincal.workbench.model.effects import Parameter
+from kincal.workbench.model.effects import Library, Parameter
 from kincal.workbench.model.flight_model import flight_model
 from kincal.workbench.numerics.types import Array
 from kincal_shared.errors import CannotAnswer
@@ -56,9 +57,13 @@ class Predicted:
         return float(pos.max()), None if rot is None else float(rot.max())
 
 
-def predict(calibrated: CalibratedArm, data: Measurements, files: tuple[Path, ...] = ()) -> Predicted:
-    """The errors of a fitted arm at measurements; files: that these were read from. CannotAnswer if the model
-    has effects of the session that it was fitted to: they say nothing of another one."""
+def predict(
+    calibrated: CalibratedArm, data: Measurements, library: Library, files: tuple[Path, ...] = ()
+) -> Predicted:
+    """The errors of a fitted arm at measurements; library: of its effects; files: that the measurements were
+    read from. CannotAnswer if the data lack what an effect needs, or if the model has effects of the session
+    that it was fitted to: they say nothing of another one."""
+    check_needs(library, calibrated.effects, calibrated.arm, data)
     if drifting := sorted(
         {t.coefficient.group for t in calibrated.terms if any(b.var == "t" for b in t.bases)}
     ):

@@ -265,15 +265,12 @@ def predict_command(
     from kincal.api.predicted import predict
     from kincal.cli.text import model as text
     from kincal.export import calibrated_arm
-    from kincal.workbench.comparison.fitting import check_needs
     from kincal_shared.schema.arm import read_arm
 
     chosen, library = load_model(model_path, effect_files)
     arm = read_arm(arm_of(chosen, model_path, arm_path))
     calibrated = calibrated_arm(arm, chosen, library, name=str(model_path))
-    data = given.checked(arm)
-    check_needs(library, chosen.effects, arm, data)
-    found = predict(calibrated, data, tuple(given.paths))
+    found = predict(calibrated, given.checked(arm), library, tuple(given.paths))
     click.echo(json.dumps(text.predicted_json(found), indent=1) if as_json else text.predicted(found))
 
 
