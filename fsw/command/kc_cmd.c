@@ -183,7 +183,8 @@ static kc_answer_t alive(const kc_view_t *view, kc_out_t *out)
     bool known[2] = {t->has_arm, t->has_pantilt};
     for (int32_t i = 0; i < 2; i++) {
         if (known[i] && ago[i] <= KC_SILENT_US) { continue; }
-        return kc_answer_refuse(&out->events, KC_EVT_IN_SILENT, (int32_t)KC_INPUT_ARM + i, (double)ago[i],
+        double heard = known[i] ? (double)ago[i] : -1.0;
+        return kc_answer_refuse(&out->events, KC_EVT_IN_SILENT, (int32_t)KC_INPUT_ARM + i, heard,
                                 (double)KC_SILENT_US, KC_ERR_STATE);
     }
     if (t->arm.fault_mask == 0) { return kc_answer_ok(KC_OC_STAY); }

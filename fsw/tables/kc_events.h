@@ -16,37 +16,41 @@
 typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR = 3 } kc_severity_t;
 
 /* X("type", "how it is shown") */
-#define KC_EVENT_TYPE_LIST(X)                                                \
-    X("count", "whole number; negative: none")                               \
-    X("number", "number without unit")                                       \
-    X("mm", "length or distance: in m, shown in mm")                         \
-    X("mrad", "angle: in rad, shown in mrad")                                \
-    X("mm/mrad", "index 0: as mm; 1: as mrad")                               \
-    X("mm/mrad/px", "index 0: as mm; 1: as mrad; 2: pixels")                 \
-    X("s", "time: in us, shown in s")                                        \
-    X("J", "energy [J]")                                                     \
-    X("crc", "CRC-32, eight hexadecimal digits")                             \
-    X("mask", "bit mask, hexadecimal")                                       \
-    X("store", "kc_tbl_kind_t or KC_STORE_*: what is stored")                \
-    X("state", "kc_state_t")                                                 \
-    X("command", "kc_opcode_t")                                              \
-    X("source", "who commands: cmd_t.SRC_*")                                 \
-    X("argument", "command argument: 0 to 3 arg_i, 4 arg_u64")               \
-    X("input", "kc_input_t")                                                 \
-    X("input_field", "field of an input message, kc_input_field")            \
-    X("status", "kc_status_t")                                               \
-    X("cause", "kc_cause_t, as a sentence")                                  \
-    X("acquisition", "kc_acq_t")                                             \
-    X("entry", "entry of a table: number from 0, with what it is")           \
-    X("field", "field number of docs/TABLES.md; 0: a rule between entries")  \
-    X("pose", "pose of this calibration, from 1")                            \
-    X("candidate", "index in the SPACE table, from 0")                       \
-    X("candidate_or_any", "the same; negative: any candidate")               \
-    X("coefficient", "name by the TERMS table, or index from 0")             \
-    X("joint", "joint, from 1")                                              \
-    X("joint_value", "joint coordinate or difference [rad; m if prismatic]") \
-    X("joints", "bit per joint (bit 0 = joint 1), shown as a list")          \
-    X("body", "body of the SPACE table, from 0")                             \
+#define KC_EVENT_TYPE_LIST(X)                                                 \
+    X("count", "whole number; negative: none")                                \
+    X("number", "number without unit")                                        \
+    X("mm", "length or distance: in m, shown in mm")                          \
+    X("mrad", "angle: in rad, shown in mrad")                                 \
+    X("mm/mrad", "index 0: as mm; 1: as mrad")                                \
+    X("mm/mrad/px", "index 0: as mm; 1: as mrad; 2: pixels")                  \
+    X("s", "time: in us, shown in s")                                         \
+    X("ago", "time since it happened, as s; negative: never")                 \
+    X("before_now", "age of a time stamp, as s; negative: after now")         \
+    X("time", "mission time: in us, shown in s, or as UTC from 1970 on")      \
+    X("stopped", "poses measured by what was stopped; negative: nothing ran") \
+    X("J", "energy [J]")                                                      \
+    X("crc", "CRC-32, eight hexadecimal digits")                              \
+    X("mask", "bit mask, hexadecimal")                                        \
+    X("store", "kc_tbl_kind_t or KC_STORE_*: what is stored")                 \
+    X("state", "kc_state_t")                                                  \
+    X("command", "kc_opcode_t")                                               \
+    X("source", "who commands: cmd_t.SRC_*")                                  \
+    X("argument", "command argument: 0 to 3 arg_i, 4 arg_u64")                \
+    X("input", "kc_input_t")                                                  \
+    X("input_field", "field of an input message, kc_input_field")             \
+    X("status", "kc_status_t")                                                \
+    X("cause", "kc_cause_t, as a sentence")                                   \
+    X("acquisition", "kc_acq_t")                                              \
+    X("entry", "entry of a table: number from 0, with what it is")            \
+    X("field", "field number of docs/TABLES.md; 0: a rule between entries")   \
+    X("pose", "pose of this calibration, from 1")                             \
+    X("candidate", "index in the SPACE table, from 0")                        \
+    X("candidate_or_any", "the same; negative: any candidate")                \
+    X("coefficient", "name by the TERMS table, or index from 0")              \
+    X("joint", "joint, from 1")                                               \
+    X("joint_value", "joint coordinate or difference [rad; m if prismatic]")  \
+    X("joints", "bit per joint (bit 0 = joint 1), shown as a list")           \
+    X("body", "body of the SPACE table, from 0")                              \
     X("volume", "keep-out volume of the SPACE table, from 0")
 
 /* X(id, NAME, severity, "text", "operator's next step") */
@@ -154,9 +158,9 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "None if rare; otherwise a second program requests frames.")                                           \
     X(50, ARM_FAULT, ERROR, "arm controller reports a fault, mask {got:mask}",                               \
       "Clear the fault at the arm controller.")                                                              \
-    X(51, IN_SILENT, ERROR, "no {index:input} message for {got:s}, allowed {want:s}",                        \
+    X(51, IN_SILENT, ERROR, "{index:input} silent, last message: {got:ago} (allowed {want:s})",              \
       "Check that the sender runs and that its messages arrive.")                                            \
-    X(52, TIME_STEP, WARN, "mission clock changed from {want:s} to {got:s} within one step",                 \
+    X(52, TIME_STEP, WARN, "mission clock changed from {want:time} to {got:time} within one step",           \
       "Check the clock source. Messages are refused until the clocks of their senders agree again.")         \
     X(53, MEMORY_TABLE, ERROR, "{index:store} CRC {got:crc} has changed in memory; it is not used any more", \
       "Restart flight: it loads what is stored. Or upload and activate that table.")                         \
@@ -198,7 +202,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "None: what was measured is used.")                                                                    \
     X(74, CAL_CONVERGED, INFO,                                                                               \
       "predicted error of the tool position {got:mm} meets the requirement of {want:mm}", "")                \
-    X(75, CAL_ABORTED, WARN, "calibration stopped: {got:cause}; poses measured: {index:count}",              \
+    X(75, CAL_ABORTED, WARN, "arm held, {index:stopped}: {got:cause}",                                       \
       "Remove the cause. START begins a new calibration from SAFE.")                                         \
     X(76, CAL_POOR, ERROR, "fit is poor: probability {got:number}, noise {want:number} times as stated",     \
       "Do not approve. Diagnose the log (kincal model diagnose): the model lacks an effect, or the noise "   \
@@ -287,11 +291,11 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "no copy of the journal can be read: signed messages made before this start are refused",              \
       "Check which correction is in force. If flight's clock may have been wrong, change the key as well.")  \
     X(132, CMD_OLD, ERROR,                                                                                   \
-      "message from {index:source} refused: made {got:s} before now, allowed {want:s} before or after",      \
+      "message from {index:source} refused: made {got:before_now}, allowed {want:s} before or after",        \
       "Send it again, stamped with the time of flight's newest housekeeping; compare both clocks.")          \
     X(133, CMD_BEFORE, ERROR,                                                                                \
-      "message from {index:source} refused: made at {got:s}; flight accepts messages of this key only from " \
-      "{want:s} on",                                                                                         \
+      "message from {index:source} refused: made at {got:time}; flight accepts messages of this key only "   \
+      "from {want:time} on",                                                                                 \
       "An old recording: made before the journal was lost or before flight knew this key. If you sent it "   \
       "just now, send it again.")                                                                            \
     X(134, CMD_COUNTER, ERROR,                                                                               \

@@ -25,6 +25,7 @@ class FakeFlight:
         self.url = private_url(port)
         self.proposal_crc, self.refuse, self.dead, self.verdict = proposal_crc, refuse, dead, verdict
         self.overrides: list[int] = []  # of APPROVE_ARM
+        self.boot_count = 0
         self.kin_crc, self.armed, self.images, self.staged = 1, 0, {}, (0, b"")
         self.checked = 0  # hk_t.staged_state
         self.commands: list[tuple[int, int]] = []
@@ -56,6 +57,7 @@ class FakeFlight:
 
     def _hk(self) -> None:
         m = kcm.hk_t()
+        m.boot_count = self.boot_count
         m.t_us, m.proposal_crc = time.time_ns() // 1000, signed(self.proposal_crc)
         m.state, m.proposal_verdict = (10 if self.armed else 9 if self.proposal_crc else 0), self.verdict
         m.approval_left_us = 599_000_000 if self.armed else 0

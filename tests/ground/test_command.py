@@ -4,6 +4,7 @@ and over LCM against a few lines of flight."""
 import io
 import json
 import re
+import time
 
 import pytest
 from commands import shell as kincal
@@ -25,6 +26,7 @@ from kincal.cli.text import operate as text
 from kincal.flight import library
 from kincal.flight.tables import decode_as, encode, kind_number
 from kincal.link import names
+from kincal.operate import recording
 from kincal.review.decisions import Operator
 from kincal_shared import installation, keys
 from kincal_shared.errors import BadInput, CommandFailed, NoAnswer
@@ -170,7 +172,9 @@ def test_a_command_is_stamped_by_housekeeping_not_by_the_arm(journal, key_file):
 
 def test_a_dry_run_sends_nothing_and_names_what_is_not_met(journal):
     with FakeFlight(CRC) as flight:
-        run = kincal("command", "rollback", "1", "--dry-run", "--url", flight.url, "--journal", journal)
+        run = kincal(
+            "command", "rollback", "00000001", "--dry-run", "--url", flight.url, "--journal", journal
+        )
         assert run.exit_code == 1, run.output
         assert "not met: state IDLE or SAFE; found: REVIEW, by housekeeping received" in run.output
         assert "flight would refuse ROLLBACK; nothing was sent" in " ".join(run.output.split())
@@ -251,6 +255,28 @@ def test_status_is_one_screen_and_plain_data():
         assert len(run.output.splitlines()) < 40
         run = kincal("status", "--seconds", 0.5, "--json", "--url", flight.url)
     assert json.loads(run.output)["waiting"]["crc"] == "fedcba98"
+
+
+@pytest.mark.parametrize(("age_s", "ended"), [(1, False), (3600, True)])
+def test_status_says_what_is_of_a_recording_and_of_an_earlier_start(tmp_path, monkeypatch, age_s, ended):
+    """Events of a recorder that was stopped, and of flight before its restart, passed for the present."""
+    monkeypatch.setattr(recording, "FOLDER", tmp_path)
+    with FakeFlight() as flight:
+        r = recording.Recorder(tmp_path, recording.stem_of(flight.url))
+        for k, m in enumerate((event(1, 7, EVENT["BOOT"], 1, index=4), event(2, 8, EVENT["ARM_FAULT"], 3))):
+            r.take("KC_EVENT", m.encode(), round((time.time() - age_s) * 1e6) + k, 0.0)
+        r.close()
+        flight.boot_count = 5
+        run = kincal("status", "--seconds", 0.3, "--url", flight.url)
+        said = " ".join(run.output.split())
+        flight.boot_count = 4
+        now = kincal("status", "--seconds", 0.3, "--url", flight.url).output
+    assert f"those with a date are of {r.files[0]}" in said
+    assert ("nothing is known of what happened since then" in said) is ended
+    assert re.search(
+        r"20\d\d-\d\d-\d\dT[\d:]+Z error +ARM_FAULT: .*\(start 4 of flight, not the present one\)", said
+    )
+    assert "ARM_FAULT" in now and "not the present one" not in now
 
 
 def test_status_without_flight_says_so_and_fails():

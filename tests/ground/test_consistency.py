@@ -82,7 +82,8 @@ def test_a_few_poses_of_one_place_are_few_and_not_in_millimetres(tmp_path):
     sigma_m = 1e-3
     two = replace(two, q=two.q[[0, 0]], p_m=two.p_m[[0, 0]] + [[0.0] * 3, [sigma_m] * 3])
     two = replace(two, cov=np.tile(np.eye(6) * sigma_m**2, (2, 1, 1)))
-    assert "few_poses" in {f.code for f in check(arm, two).findings}
+    (few,) = (f for f in check(arm, two).findings if f.code == "few_poses")
+    assert "whether the arm explains them: this check takes at least 12, a fit fewer" in few.text
     assert "millimetres" not in {f.code for f in check(arm, two).findings}
     two = replace(two, cov=two.cov * 1e6)  # 1 mm written as 1
     assert "millimetres" in {f.code for f in check(arm, two).findings}

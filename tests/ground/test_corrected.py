@@ -32,7 +32,7 @@ from kincal.console.shelf import Shelf
 from kincal.flight import Terms, library
 from kincal.flight.tables import decode, decode_as, kinds
 from kincal.pages import image
-from kincal.review import decisions, from_message, journal, kin_crc, reasons_to_reject
+from kincal.review import decisions, from_message, journal, kin_crc, reasons_to_reject, record
 from kincal.review.changes import KinValues
 from kincal.space.mjcf import ArmModel
 from kincal_shared.errors import BadInput, CommandFailed
@@ -219,7 +219,8 @@ def test_an_approval_of_what_comes_too_near_takes_an_override_that_the_journal_k
     file = journal.place(None, own_key_file)
     (seen,) = journal.read(file, signer.known).entries
     assert seen.against[0].startswith(NEAR) and seen.against[0] in seen.why
-    assert reviews.against([journal.read(file)], p.crc & 0xFFFFFFFF) == list(seen.against)
+    said = reviews.known([journal.read(file)], p.crc & 0xFFFFFFFF, seen.verdict)
+    assert (said.reasons, said.override, said.broken) == (seen.against, "", "")
     flight = DirectFlight(signer).waits(p.crc & 0xFFFFFFFF)
     who = decisions.Operator("A", "why", file)
     with pytest.raises(BadInput, match=r"reasons to reject correction .*forearm_offset - mast"):
@@ -258,7 +259,7 @@ def test_what_one_person_knows_of_the_clearance_counts_for_everybody(too_near, o
         decisions.arm(flight, text, a)
     with pytest.raises(BadInput, match="saw correction .* before this was known: nearer still"):
         decisions.arm(flight, text, b, "because", against=("too near", "nearer still"))
-    decisions.arm(flight, text, a, "because")
+    decisions.arm(flight, text, a, "far enough anyway")
     decisions.go(flight, text, b)
     assert [c.arg_i[1] for c in flight.commands] == [0, 1, 0]
 
@@ -277,14 +278,17 @@ def test_a_second_step_with_another_journal_needs_the_override_too(too_near, own
     with pytest.raises(BadInput, match="reasons to reject.*too near"):
         decisions.go(flight, text, decisions.Operator("B", "why", elsewhere))
     with pytest.raises(BadInput, match="A has taken the first step, and said what it overrides: nothing"):
-        decisions.go(flight, text, decisions.Operator("B", "why", here), override="far enough")
+        decisions.go(flight, text, decisions.Operator("B", "why", here), override="far enough anyway")
     assert len(flight.commands) == 1
     said = []
     decisions.go(
-        flight, text, decisions.Operator("B", "why", elsewhere, say=said.append), override="far\nenough"
+        flight,
+        text,
+        decisions.Operator("B", "why", elsewhere, say=said.append),
+        override="far\nenough anyway",
     )
-    assert "by override: far enough" in said and len(flight.commands) == 2
-    assert journal.read(elsewhere, signer.known).entries[-1].override == "far\nenough"
+    assert "by override: far enough anyway" in said and len(flight.commands) == 2
+    assert journal.read(elsewhere, signer.known).entries[-1].override == "far\nenough anyway"
 
 
 def test_words_of_the_first_step_are_one_line_of_the_second(too_near, own_key_file):
@@ -327,6 +331,25 @@ def test_the_console_has_the_same_reasons_and_asks_for_the_same_override(desk):
     assert "clearance and reach are not known: no tables" in page["look_at"]
 
 
+def test_the_console_shows_open_questions_and_a_journal_that_does_not_verify(desk, own_key_file):
+    desk, crc, against = desk
+    desk.see(crc, "A")
+    asked = ("question", int(crc, 16), "B", "in\nshadow?", "", None, signer_of(own_key_file))
+    record(desk.journal_path, *asked)
+    (line,) = [text for text in desk.review(crc)["look_at"] if text.startswith("open question by B, ")]
+    assert "in shadow? (answer it" in line
+    for _ in range(2):
+        desk.see(crc, "A")  # again, with the question
+    assert [e.decision for e in desk.entries()] == ["seen", "question", "seen"]
+    assert line in desk.entries()[-1].why
+    desk.journal_path.write_text(desk.journal_path.read_text().replace('"B"', '"C"'))
+    page = desk.review(crc)
+    assert page["reasons"] == list(against)
+    assert page["look_at"][0].startswith("the journal does not verify: the review journal was changed")
+    with pytest.raises(BadInput, match="journal was changed"):
+        desk.see(crc, "A")
+
+
 def test_nobody_has_seen_at_the_console_what_is_still_being_computed(desk, beyond):
     desk, crc, against = desk
     desk.clearances.found = Found("running", done=3, of=9)
@@ -357,6 +380,10 @@ def test_the_preview_of_a_rollback_says_how_near_the_arm_comes(tmp_path, own_key
     out = Console(record=True, width=200, file=io.StringIO())
     text.rolled_back(out, found)
     said = out.export_text()
+    assert (
+        f"from KIN table {now.crc:08x} back to {before.crc:08x} (values from {tmp_path}/before.tbl)" in said
+    )
+    assert (found.as_dict()["from"], found.as_dict()["to"]) == (now.crc_text, before.crc_text)
     assert "rolled back" in said and "-21.7 mm" in said and f"against it: {NEAR}" in said
     picture, hk = Picture(Geometry(BIN)), kcm.hk_t()
     hk.table_crc, hk.kin_prev_crc = [signed(c) for c in crcs], signed(before.crc)
@@ -365,6 +392,7 @@ def test_the_preview_of_a_rollback_says_how_near_the_arm_comes(tmp_path, own_key
     desk.clearances = SimpleNamespace(ask=lambda *_given: Found("done", found.corrected))
     desk._values = lambda crc: KinValues(crc, tuple(nominal if crc == now.crc else back))
     page = desk.rollback_preview()
+    assert (page["crc"], page["to"]) == (now.crc_text, before.crc_text)
     assert page["against"] == [reason] and page["clearance"]["status"] == "done"
     assert [s["title"] for s in page["near"]][0] == "Clearance with the table before"
     other = previews.what_rolls_back(in_force(kin=now.crc, space=0x77), before.crc, BIN, places)

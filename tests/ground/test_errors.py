@@ -1,5 +1,6 @@
 """Errors: plain exceptions in the library, an exit status only in the CLI."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -22,6 +23,19 @@ def test_error_says_what_where_and_what_to_do_in_three_lines():
         "  to do: count joints from 1",
     ]
     assert str(KincalError("only what")) == "only what"
+
+
+@pytest.mark.parametrize("package", ["api", "cli", "link", "operate", "review", "run"])
+def test_every_error_of_what_an_operator_types_says_what_to_do(package):
+    """One that only said what was wrong left its reader there."""
+    silent = []
+    for file in sorted((ROOT / "ground" / "kincal" / package).rglob("*.py")):
+        for call in ast.walk(ast.parse(file.read_text())):
+            name = getattr(getattr(call, "func", None), "id", "")
+            if name in ("BadInput", "CommandFailed", "CannotAnswer"):
+                todo = len(call.args) > 2 or any(k.arg == "todo" for k in call.keywords)
+                silent += [] if todo else [f"{file.name}:{call.lineno}"]
+    assert silent == []
 
 
 def command_that_raises(error):

@@ -757,6 +757,61 @@ def test_exported_code_of_a_model_file_predicts_the_measurements_as_the_fit_does
         assert np.abs(matrix(module.forward(data.q[i], **d)) - predicted(fit, data)[i]).max() < 1e-9
 
 
+@pytest.mark.parametrize("position_only", [False, True])
+def test_the_error_at_other_poses_is_that_of_the_exported_code(folder, tmp_path, position_only):
+    """`compare` fits anew: nothing judged the fitted values by measurements that came later."""
+    kincal(folder, "model", "export", "--model", "M.toml", "--format", "python", "-o", "o.py")
+    module, new = python_module(folder / "o.py"), tmp_path / "new.csv"
+    bent = lambda q, d: q + np.array([0, 2e-3, 0, 3e-3 * d[3], 0, 0, 0])  # noqa: E731 joint 2 has slipped since
+    poses.poses_csv(new, 90, 3, bent, position_only=position_only)  # the same arm
+    head, *rows = new.read_text().splitlines(keepends=True)
+    new.write_text(head + "".join(rows[60:]))
+    given = ("model", "predict", "--model", "M.toml", "--data")
+    before = (folder / "M.toml").read_bytes()
+    found = json.loads(kincal(folder, *given, str(new), "--json").output)
+    data, off = wb.read_csv(new, 7), {"nominal": [], "model": []}
+    for i in range(data.n):
+        d = drivers_at(data, i, {*module.DEFAULTS, *module.NEEDED})
+        fitted = (
+            module.measured(data.q[i], **d) if hasattr(module, "measured") else module.forward(data.q[i], **d)
+        )
+        for name, (p, R) in (("nominal", module.nominal(data.q[i])), ("model", fitted)):
+            turn = 0.0
+            if not position_only:
+                turn = (
+                    Rotation.from_quat(data.quat_wxyz[i], scalar_first=True) * Rotation.from_matrix(R).inv()
+                ).magnitude()
+            off[name].append((np.linalg.norm(data.p_m[i] - p), turn))
+    for error in found["errors"]:
+        pos, rot = 1e3 * np.sqrt(np.mean(np.square(off[error["model"]]), axis=0))
+        assert error["pos_mm"] == pytest.approx(pos, abs=1e-5)
+        assert error["rot_mrad"] == (None if position_only else pytest.approx(rot, abs=1e-4))
+    size = 1e3 * np.array(off["model"])
+    assert found["max"]["pos_mm"] == pytest.approx(size[:, 0].max(), abs=1e-5)
+    assert found["worst_poses"][0]["id"] == data.ids[int(size[:, 0].argmax())]
+    nominal, fitted = (error["pos_mm"] for error in found["errors"])
+    assert found["held"]["pos_mm"] < fitted < nominal and found["fit_data"] == []
+    assert (folder / "M.toml").read_bytes() == before
+    said = kincal(folder, *given, "poses.csv").output
+    assert f"note: the model was fitted to {folder / 'poses.csv'}: this is no prediction" in said
+
+
+@pytest.mark.parametrize(
+    ("effects", "fitted", "status", "says"),
+    [
+        (["backlash[4]"], False, 2, "run `kincal model fit` first"),
+        (["time_drift[2]"], True, 3, "time_drift[2] holds for the session that was fitted only"),
+    ],
+)
+def test_a_model_that_says_nothing_of_other_poses_is_refused(folder, tmp_path, effects, fitted, status, says):
+    on = ("--arm", str(folder / "arm.toml"), "--data", str(folder / "poses.csv"), "--model", "M.toml")
+    assert kincal(tmp_path, "model", "add", "--model", "M.toml", *effects).exit_code == 0
+    if fitted:
+        assert kincal(tmp_path, "model", "fit", *on).exit_code == 0
+    done = kincal(tmp_path, "model", "predict", *on)
+    assert done.exit_code == status and says in done.stderr
+
+
 def test_json_holds_every_number_with_its_unit(folder):
     kincal(folder, "model", "export", "--model", "M.toml", "--format", "json", "-o", "o.json")
     got, model = json.loads((folder / "o.json").read_text()), wb.read_model(folder / "M.toml")

@@ -74,6 +74,18 @@ def test_fields_are_filled_in_by_name():
         ("mm/mrad/px", 2.5, 2, "2.5 px"),
         ("mm/mrad/px", 2.5, 7, "2.5"),
         ("s", 2_500_000.0, -1, "2.5 s"),
+        ("ago", 2_500_000.0, -1, "2.5 s ago"),
+        ("ago", 0.0, -1, "0 s ago"),
+        ("ago", -1.0, -1, "never"),
+        ("ago", 1.8e15, -1, "never"),  # recorded before flight said so: since 1970
+        ("before_now", 2_500_000.0, -1, "2.5 s before now"),
+        ("before_now", -2_500_000.0, -1, "2.5 s after now"),
+        ("before_now", 1.8e15, -1, "without a time stamp"),
+        ("time", 2_500_000.0, -1, "2.5 s"),
+        ("time", 1.795e15, -1, "2026-11-18T11:06:40Z"),
+        ("time", 1e300, -1, "1e+294 s"),
+        ("stopped", 6.0, -1, "calibration stopped after 6 poses"),
+        ("stopped", -1.0, -1, "no calibration ran"),
         ("J", 1234.5, -1, "1234 J"),
         ("crc", -1.0, -1, "ffffffff"),  # 32 bits travel as int32
         ("mask", 5.0, -1, "0x5"),

@@ -724,6 +724,12 @@ def test_every_cause_of_an_abort_says_what_to_do():
         if name != "COUNT":
             line = event_of(event(1, 1, EVENT["CAL_ABORTED"], 3, float(number), 6))
             assert line.cause and line.action and "OPERATIONS" not in line.action, name
+    for counter, asked in ((1.0, True), (2.0, False)):
+        line = event_of(event(1, 1, EVENT["CMD_REPLAYED"], 3, counter, 2))
+        assert (line.action == "Nothing.", line.cause.startswith("Somebody with this key asked")) == (
+            asked,
+            asked,
+        )
     silent = event_of(event(1, 1, EVENT["CAL_ABORTED"], 3, float(causes["SILENT"]), 6))
     assert silent.cause == "no state messages from the arm or the pan-tilt unit"
     assert "As event IN_SILENT." in silent.action and "Check that the sender runs" in silent.action

@@ -9,6 +9,7 @@ import lcm
 import pytest
 from samples import event
 
+import kcm
 from kincal.cli.record import record as cli_record
 from kincal.link import read_log
 from kincal.operate import recording
@@ -89,10 +90,22 @@ def test_the_last_events_of_a_link_come_from_its_own_recording_only(tmp_path, mo
         r.take("KC_EVENT", event(k, k, 1 if k % 2 else 48, 1 if k % 2 else 0, index=k).encode(), UTC, 0.0)
     r.take("KC_EVENT", b"damaged", UTC, 0.0)
     r.close()
-    assert [e.seq for e in recording.recent_events(here, 2, tmp_path)] == [37, 39]
-    assert recording.recent_events(here, 2, tmp_path)[0].utc.startswith("2026-11-25T")
-    assert 0 < len(recording.recent_events(here, 40, tmp_path)) < 10  # the end of the file only
-    assert recording.recent_events(other, 2, tmp_path) == []
+    found = recording.recent_events(here, 2, tmp_path)
+    assert [e.seq for e in found.events] == [37, 39]
+    assert found.events[0].utc.startswith("2026-11-25T") and found.utc == found.events[0].utc
+    assert found.file == r.files[-1] and all(e.recorded for e in found.events)
+    assert 0 < len(recording.recent_events(here, 40, tmp_path).events) < 10  # the end of the file only
+    assert recording.recent_events(other, 2, tmp_path) == recording.Recent()
+
+
+def test_recorded_events_name_the_start_of_flight_that_they_are_of(tmp_path):
+    url, hk = "udpm://239.255.76.67:7991?ttl=0", kcm.hk_t()
+    r = Recorder(tmp_path, recording.stem_of(url))
+    hk.boot_count = 2
+    for data in (event(1, 1, 48, 1), hk, event(2, 2, 48, 1), event(3, 1, 1, 1, index=3), event(4, 2, 48, 1)):
+        r.take("KC_HK" if data is hk else "KC_EVENT", data.encode(), UTC, 0.0)
+    r.close()
+    assert [e.start for e in recording.recent_events(url, 9, tmp_path).events] == [0, 2, 3, 3]
 
 
 def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path):
@@ -158,7 +171,7 @@ def test_what_is_no_recording_in_the_folder_hides_none(tmp_path):
     (tmp_path / "224.0.0.1-1-z.lcmlog").mkdir()
     (tmp_path / "224.0.0.1-1-y.lcmlog").symlink_to("/nowhere")
     assert recording.recordings(tmp_path) == r.files
-    assert len(recording.recent_events("udpm://224.0.0.1:1", 5, tmp_path)) == 2
+    assert len(recording.recent_events("udpm://224.0.0.1:1", 5, tmp_path).events) == 2
 
 
 # ---------------------------------------------------------------------------- figures
@@ -275,7 +288,7 @@ def test_only_the_newest_recording_is_asked_for_events(tmp_path):
         r.take("KC_HK", b"no event", UTC, 0.0)
         r.close()
         os.utime(r.files[0], (1e9, 1e9 + k))
-    (line,) = recording.recent_events(url, 5, tmp_path)
+    (line,) = recording.recent_events(url, 5, tmp_path).events
     assert (line.seq, line.t_us, line.utc) == (11, 1, "2026-11-25T13:02:24.500+00:00")
 
 

@@ -174,6 +174,7 @@ def see(tmp_path, journal, p=None, by="A. Reviewer"):
 
 def test_approval_is_two_commands_bound_to_the_crc_and_recorded(tmp_path, journal):
     shown = see(tmp_path, journal)
+    assert "pred_pos_m 0.30 mm predicted position error" in shown and "does not hold" not in shown
     assert "review arm" in shown and "note in the journal" not in shown  # --by has just noted it
     with FakeFlight(CRC) as flight:
         run = decide(flight, "arm", journal)
@@ -288,6 +289,9 @@ def test_a_poor_proposal_needs_an_override_and_its_reason_is_kept(tmp_path, jour
     assert "reason to reject: flight itself calls the fit poor" in text
     assert "kincal review arm fedcba98 --by NAME --why REASON --override REASON" in text
     assert text.index("kincal review reject") < text.index("kincal review arm")
+    for number in ("pred_pos_m 0.30 mm", "bound_pos_m 0.40 mm", "p_no_change 1e-09"):
+        assert f"{number} does not hold: the fit is poor" in text
+    assert "sigma, correlations, predicted error, its bound and p_no_change assume" in text
     with FakeFlight(CRC, verdict=POOR) as flight:
         for extra in ((), ("--override", " ")):
             run = decide(flight, "arm", journal, *extra)
@@ -299,12 +303,18 @@ def test_a_poor_proposal_needs_an_override_and_its_reason_is_kept(tmp_path, jour
             assert "p = 1e-126" in words and "--override REASON" in words
             assert "kincal review reject fedcba98" in words
         assert flight.commands == []
+        for short, words in (("x", 1), ("do it", 2), ("- ! -", 0)):
+            run = decide(flight, "arm", journal, "--override", short)
+            said = f"in at least 3 words; this one has {words}"
+            assert run.exit_code == EXIT_INPUT and said in " ".join(run.output.split())
+        assert flight.commands == []
+        overridden = "reason to reject, overridden: flight itself calls the fit poor"
         run = decide(flight, "arm", journal, "--override", "the sample is at risk")
         assert run.exit_code == 0, run.output
-        assert flight.overrides == [1]
+        assert flight.overrides == [1] and overridden in run.output
         run = decide(flight, "go", journal)
         assert run.exit_code == 0, run.output
-        assert "by override: the sample is at risk" in run.output
+        assert "by override: the sample is at risk" in run.output and overridden in run.output
     assert flight.kin_crc == CRC
     seen, armed, approved = decided(review.check_journal(journal))
     assert (seen.verdict, seen.override) == ("poor fit", "")
@@ -321,7 +331,7 @@ def test_a_change_with_a_bad_fit_needs_an_override_too(tmp_path, journal):
         run = decide(flight, "arm", journal)
         assert run.exit_code == EXIT_INPUT and "p = 3e-24" in run.output
         assert flight.commands == []
-        assert decide(flight, "arm", journal, "--override", "known drift").exit_code == 0
+        assert decide(flight, "arm", journal, "--override", "a known drift").exit_code == 0
     assert flight.overrides == [1]
 
 
@@ -364,12 +374,102 @@ def test_what_waits_on_board_is_listed_with_verdict_time_left_and_choices(tmp_pa
         text = live(flight)
         assert "correction fedcba98 (poor fit) waits for review" in text
         assert "kincal review reject fedcba98" in text and "--override REASON" in text
-        decide(flight, "arm", journal, "--override", "because")
+        assert decide(flight, "arm", journal, "--override", "the sample waits").exit_code == 0
         text = live(flight)
+        assert "armed by override of these reasons: A. Reviewer, 20" in text and ": the sample waits" in text
         assert "approval of correction fedcba98 (poor fit) is armed for another 599 s" in text
         assert "kincal review go fedcba98" in text and "kincal review arm" not in text
     with FakeFlight() as flight:
         assert "on board: nothing waits" in live(flight)
+
+
+def test_dry_run_and_status_repeat_the_reasons_and_the_override(tmp_path, journal):
+    """A dry run said that nothing speaks against it; why it was armed had to be looked for in the journal."""
+    p = proposal()
+    p.p_fit = 3e-24
+    see(tmp_path, journal, p)
+    with FakeFlight(CRC) as flight:
+
+        def status():
+            on = ("--url", flight.url, "--journal", str(journal), "--seconds", "0.3")
+            run = CliRunner().invoke(main, ["status", *on])
+            found = json.loads(CliRunner().invoke(main, ["status", "--json", *on]).output)["journal"]
+            return " ".join(run.output.split()), found
+
+        reason = "reason to reject: fit is worse than the stated noise explains: p = 3e-24"
+        run = decide(flight, "arm", journal, "--dry-run")
+        said = " ".join(run.output.split())
+        assert run.exit_code == EXIT_FAILED and reason in said
+        assert "not met: an override; found: none, but there are reasons to reject it" in said
+        assert decide(flight, "arm", journal, "--dry-run", "--override", "x").exit_code == EXIT_INPUT
+        run = decide(flight, "arm", journal, "--dry-run", "--override", "drift is known")
+        assert run.exit_code == 0 and reason in " ".join(run.output.split()) and flight.commands == []
+        text, found = status()
+        assert reason in text and f"reason to reject: {found['reasons'][0]}" in text and not found["override"]
+        assert decide(flight, "arm", journal, "--override", "drift is known").exit_code == 0
+        text, found = status()
+        assert reason in text and found["override"].endswith(": drift is known")
+        assert f"armed by override of these reasons: {found['override']}" in text
+        run = decide(flight, "go", journal, "--dry-run")
+        assert run.exit_code == 0 and found["override"] in " ".join(run.output.split())
+
+
+def comment(journal, text, *extra, by="B. Second"):
+    return CliRunner().invoke(
+        main, ["review", "comment", text, "--by", by, "--journal", str(journal), *extra]
+    )
+
+
+def test_an_open_question_is_named_to_whoever_decides_until_a_comment_answers_it(tmp_path, journal):
+    see(tmp_path, journal)
+    assert comment(journal, "pose 7 in shadow?", "--question", "--crc", "fedcba98").exit_code == 0
+    assert comment(journal, "who is on shift?", "--question").exit_code == 0  # about the mission
+    open_ = "open question by B. Second, "
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "arm", journal)
+        said = " ".join(run.output.split())
+        assert run.exit_code == EXIT_INPUT and flight.commands == []
+        assert f"A. Reviewer saw correction fedcba98 before this was asked: {open_}" in said
+        assert f"look at: {open_}" in see(tmp_path, journal) and "pose 7 in shadow?" in said
+        assert open_ in review.check_journal(journal)[-2].why  # what was seen
+        run = CliRunner().invoke(
+            main, ["review", "list", "--live", "--url", flight.url, "--journal", str(journal)]
+        )
+        assert f"look at: {open_}" in run.output and "shift" not in run.output.partition("Decisions")[0]
+        for verb in ("arm", "go"):
+            assert open_ in decide(flight, verb, journal, "--dry-run").output
+            run = decide(flight, verb, journal)
+            assert run.exit_code == 0 and f"note: {open_}" in run.output
+    for line, *named in (("1",), ("99",), ("2", "--crc", "00001111"), ("2", "--question")):
+        assert comment(journal, "no", "--answers", line, *named).exit_code == EXIT_INPUT
+    run = comment(journal, "no, the mast is behind it", "--answers", "2", by="A. Reviewer")
+    assert run.exit_code == 0, run.output
+    last = review.check_journal(journal)[-1]
+    assert (last.crc, last.answers, last.words) == ("fedcba98", 2, "comment, answers line 2")
+    assert "open question" not in see(tmp_path, journal)
+
+
+def test_a_changed_journal_still_shows_what_waits_and_says_that_it_does_not_verify(tmp_path, journal):
+    see(tmp_path, journal, poor())
+    comment(journal, "pose 7 in shadow?", "--question", "--crc", "fedcba98")
+    journal.write_text(journal.read_text().replace("in shadow", "in the sun"))
+    with FakeFlight(CRC, verdict=POOR) as flight:
+        on = ("--url", flight.url, "--journal", str(journal))
+        listed = CliRunner().invoke(main, ["review", "list", "--live", *on])
+        status = CliRunner().invoke(main, ["status", "--seconds", "0.3", *on])
+        dry = decide(flight, "arm", journal, "--dry-run")
+    assert listed.exit_code == EXIT_INPUT and status.exit_code == 0 and dry.exit_code == EXIT_FAILED
+    assert "correction fedcba98 (poor fit) waits for review" in listed.output
+    assert "kincal review reject fedcba98" in listed.output and f"where: {journal}:2" in listed.output
+    for output in (listed.output, status.output, dry.output):
+        said = " ".join(output.split())
+        assert f"{journal} does not verify: the review journal was changed" in said
+        assert "calls the fit poor (of a journal that does not verify)" in said
+        assert "in the sun? (answer it" in said
+    log = ["review", "show", str(tmp_path / "run.lcmlog"), "--tables", str(BIN), "--journal", str(journal)]
+    shown = CliRunner().invoke(main, log)
+    assert shown.exit_code == EXIT_INPUT and "reason to reject: flight itself calls" in shown.output
+    assert f"{journal} does not verify" in shown.output
 
 
 def test_commands_that_are_listed_can_be_typed(tmp_path, journal):
@@ -697,6 +797,7 @@ def test_review_page_of_a_poor_proposal_says_that_flight_waits_and_why_to_reject
     assert "There are reasons to reject this correction: only an override" in text
     assert "Reason to reject: flight itself calls the fit poor" in text
     assert "nothing to decide" not in text
+    assert "does not hold: the fit is poor" in text and "do not hold; the error can be much larger" in text
     assert text.index("kincal review reject fedcba98") < text.index("kincal review arm fedcba98")
     assert "--override REASON" in text
 

@@ -47,10 +47,13 @@ def with_numbers(r, **numbers):
 # ------------------------------------------------------------------------ what a reviewer sees
 
 
-def test_a_crc_may_be_any_of_32_bits():
-    assert [review.parse_crc(text) for text in ("0", "00000001", "FFFFFFFF")] == [0, 1, 0xFFFFFFFF]
-    with pytest.raises(BadInput):
-        review.parse_crc("100000000")
+def test_a_crc_may_be_any_of_32_bits_and_has_all_its_digits():
+    """Fewer digits named another correction: zeros were put before them."""
+    given = ("00000000", "00000001", "FFFFFFFF", "0x1a2b3c4d", "0X1a2b3c4d")
+    assert [review.parse_crc(text) for text in given] == [0, 1, 0xFFFFFFFF, 0x1A2B3C4D, 0x1A2B3C4D]
+    for wrong in ("0", "1a2b3c4", "100000000", "0x1a2b3c", "1a2b_c4d", "+1a2b3c4", " 1a2b3c4d", "1a2b3c4d\n"):
+        with pytest.raises(BadInput, match="is not a CRC\n  to do: give its eight hex digits"):
+            review.parse_crc(wrong)
 
 
 def test_a_coefficient_is_judged_in_sigmas_and_listed_unless_masked_and_zero(good):
@@ -146,6 +149,19 @@ def test_a_threshold_is_kept_up_to_its_value(good, key, limit, beyond):
         "cond",
         "n_outliers",
     }
+
+
+@pytest.mark.parametrize(
+    ("verdict", "p_fit", "holds"),
+    [("CHANGE", 0.57, True), ("CHANGE", 1e-6, False), ("POOR", 0.57, False), ("NO_CHANGE", 0.57, True)],
+)
+def test_what_comes_from_the_covariance_holds_for_a_good_fit_only(good, verdict, p_fit, holds):
+    """The review of a poor fit showed a bound of the error as if it held."""
+    r = with_numbers(replace(good, verdict=VERDICTS[verdict]), p_fit=p_fit)
+    void = {key for key, asked in thresholds(r, read_limits(BIN)).items() if not asked.holds}
+    names = {f"{what}_{unit}" for unit in ("pos_m", "rot_rad")
+             for what in ("pred", "pred_camera", "pred_lander", "pred_noise", "bound")}  # fmt: skip
+    assert void == (set() if holds else names | {"p_no_change", "confidence", "n_checked"})
 
 
 def tables_that_stop(folder, **changes):

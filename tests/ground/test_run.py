@@ -15,7 +15,7 @@ from test_flight_arm import wam
 
 from kincal import link, run, tables
 from kincal.cli.text import run as show
-from kincal.results import HeldOut
+from kincal.results import Criterion, HeldOut
 from kincal.rotations import wxyz_of_matrix
 from kincal_shared import keys
 from kincal_shared.errors import CommandFailed, KincalError
@@ -139,21 +139,38 @@ def test_local_poses_are_told_from_candidates_in_pose_lines():
 def test_how_a_run_ended_is_shown_however_much_was_said_before():
     out = Console(file=io.StringIO(), width=100)
     r = replace(result(), events=tuple(f"event {i}" for i in range(30)))
-    show.run_end(out, r, [])
+    show.run_end(out, r, [], Path("run.lcmlog"))
     said = re.findall(r"^(event \d+|\.{3} \d+)", out.file.getvalue(), re.M)
     first, last = [f"event {i}" for i in range(6)], [f"event {i}" for i in range(24, 30)]
     assert said == [*first, "... 18", *last]
     r = replace(r, events=r.events[:12])
     out = Console(file=io.StringIO(), width=100)
-    show.run_end(out, r, [])
+    show.run_end(out, r, [], Path("run.lcmlog"))
     assert re.findall(r"^event (\d+)", out.file.getvalue(), re.M) == [str(i) for i in range(12)]
 
 
 def test_run_without_a_proposal_has_no_figures_of_a_fit():
     out = Console(file=io.StringIO(), width=200)
     r = replace(result(), n_free=0, verdict="no proposal", decision="calibration aborted")
-    show.run_end(out, r, [])
+    show.run_end(out, r, [], Path("run.lcmlog"))
     assert "verdict: no proposal; decision: calibration aborted; table" in out.file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("verdict", "n_free", "met", "said"),
+    [
+        ("no proposal", 0, False, "`kincal log a/run.lcmlog` lists what flight said: its last warnings"),
+        ("poor fit", 28, False, "`kincal model diagnose --arm ARM --data a/run.lcmlog` what the model lacks"),
+        ("change proposed", 28, False, "`kincal review show a/run.lcmlog` shows the correction"),
+        ("change proposed", 28, True, ""),
+    ],
+)
+def test_a_run_that_failed_says_what_to_look_at(verdict, n_free, met, said):
+    out = Console(file=io.StringIO(), width=200)
+    r = replace(result(), verdict=verdict, n_free=n_free, criteria=(Criterion("x", "1", "2", met),))
+    show.run_end(out, r, [], Path("a/run.lcmlog"))
+    end = out.file.getvalue().partition("FAILED")[2]
+    assert ("to do: " in end) is not met and said in end
 
 
 def test_expectation_comes_from_the_scenario_file():

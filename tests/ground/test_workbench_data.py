@@ -186,11 +186,19 @@ def test_one_unknown_frame_is_found_beside_the_known_one(with_rotation, known):
     np.testing.assert_allclose(got_tool.p_m, tool.p_m, atol=1e-9)
 
 
-def test_too_few_poses_for_unknown_frames_cannot_be_answered():
-    with pytest.raises(wb.CannotAnswer, match="poses"):
-        solve_frames(
-            Pose(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1))), np.zeros((2, 3)), None, None, None
-        )
+@pytest.mark.parametrize(
+    ("turned", "known", "frames", "need"),
+    [(True, False, "base and tool frames", 3), (False, False, "base and tool frames", 7),
+     (False, True, "base or tool frame", 4)],
+)  # fmt: skip
+def test_too_few_poses_for_unknown_frames_say_what_takes_how_many(turned, known, frames, need):
+    """One command said that 12 poses are needed, another 7: of different things, which neither said."""
+    turns = np.tile(np.eye(3), (2, 1, 1))
+    with pytest.raises(wb.CannotAnswer) as error:
+        base = Pose(np.zeros(3), np.eye(3)) if known else None
+        solve_frames(Pose(np.zeros((2, 3)), turns), np.zeros((2, 3)), turns if turned else None, base, None)
+    assert f"the unknown {frames}, with which a fit begins: that takes at least {need}" in str(error.value)
+    assert "measure more poses (coefficients take more than frames)" in error.value.todo
 
 
 def test_model_file_keeps_history_and_undo_walks_back(tmp_path):

@@ -93,4 +93,7 @@ def check_alternatives(names: Sequence[str]) -> None:
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise BadInput(f"{twice[0]} is given twice", todo="name two or more different effects")
     if len(names) < 2:
-        raise BadInput("name two or more alternative effects, for instance joint_compliance[2] base_flex")
+        raise BadInput(
+            "one effect alone is no choice",
+            todo="name two or more alternative effects: joint_compliance[2] base_flex",
+        )

@@ -254,7 +254,8 @@ def between(
     """From values of the coefficients to others, with the tables of a folder (see of_review); said: where
     they come from, as default the folder. A process computes an arm once."""
     if why := why_not(tables_dir):
-        raise BadInput(why)
+        todo = "give --tables DIR with all tables; `pip install 'kincal[sim]'` if that is missing"
+        raise BadInput(why.splitlines()[0], str(tables_dir), todo)
     require(tables_dir, wanted)
     if not all(map(math.isfinite, (*(before or ()), *after))):
         raise BadInput("a kinematics table has a value that is no finite number", todo="do not decide by it")
@@ -265,7 +266,11 @@ def between(
         step = _Counted(progress, total)
         arms = [_arm(given, _dense(values), step) for values in (before, after)]
     except OSError as error:
-        raise BadInput(f"a file cannot be read: {error.strerror}", str(error.filename or "")) from None
+        raise BadInput(
+            f"a file cannot be read: {error.strerror}",
+            str(error.filename or ""),
+            "see to its permissions, or name another folder by --tables",
+        ) from None
     now, then = arms
     return Corrected(
         given.space_crc, str(file), said or f"the tables of {tables_dir}", given.desc.clear.perturbed_m,
@@ -313,7 +318,8 @@ def description_of(tables_dir: Path, more: Sequence[Path] = ()) -> Path:
             why = str(error)
         else:
             return file
-    raise BadInput(why or "the description of the SPACE table is not at hand", str(tables_dir))
+    todo = "name the description that this SPACE was built from: --space FILE"
+    raise BadInput(why or "the description of the SPACE table is not at hand", str(tables_dir), todo)
 
 
 class _Given:
@@ -399,7 +405,10 @@ def _require_of(desc: Any, table: Any, arm_crc: int, file: Path) -> None:
     """That a table was built from a description, as far as it shows."""
     todo = "name the description that this SPACE was built from: --space FILE"
     if table.arm_crc != arm_crc:
-        raise BadInput(f"the SPACE table was built for ARM {table.arm_crc:08x}, this is {arm_crc:08x}")
+        raise BadInput(
+            f"the SPACE table was built for ARM {table.arm_crc:08x}, this is {arm_crc:08x}",
+            todo="--tables DIR with tables that belong together; `kincal table dump KIND FILE` gets those",
+        )
     bounds = np.array([getattr(desc.error_bounds, field) for field in DH_FIELDS]).T
     hubs = np.array(desc.joints.hubs_rad)
     same = bounds.shape == table.verified.shape and np.allclose(bounds, table.verified, atol=_SAME)

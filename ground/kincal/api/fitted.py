@@ -106,7 +106,7 @@ class Fitted:
         try:
             rows = [solve(row, **drivers) for row in np.atleast_2d(joints)]
         except ValueError as error:
-            raise BadInput(str(error)) from None
+            raise BadInput(str(error), todo="leave out readings that the arm cannot correct") from None
         return np.array(rows).reshape(joints.shape)
 
     def to_urdf(self) -> str:

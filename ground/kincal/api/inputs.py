@@ -72,7 +72,9 @@ class Data:
         paths = tuple(Path(file) for file in files)
         for path in paths:
             if not path.exists():
-                raise BadInput("no such file", str(path))
+                raise BadInput(
+                    "no such file", str(path), "name a file that is there, from the present folder"
+                )
         doc = read_toml(Path(map_file)) if map_file else {}
         for key, given in (("columns", columns), ("units", units), ("rotation", rotation)):
             if given:

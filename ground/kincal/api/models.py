@@ -47,7 +47,9 @@ def arm_of(chosen: ModelFile, model_path: Path, arm_path: Path | None) -> Path:
     """The arm table that was named, else the one that the model was fitted with."""
     if arm_path is None and not chosen.arm:
         raise BadInput(
-            f"{model_path} does not say which arm it is for; run `kincal model fit` first or give --arm"
+            "the model file does not say which arm it is for",
+            str(model_path),
+            "`kincal model fit` first, or name the arm table by --arm",
         )
     return arm_path or Path(chosen.arm)
 
@@ -124,16 +126,21 @@ def _check_named(library: Library, names: Sequence[str]) -> None:
         base, _, joint = name.partition("[")
         if base not in library.effects:
             near = [n for n in library.effects if n.startswith(base[:4])] or list(library.effects)
-            raise BadInput(f"no effect {base!r}; did you mean {', '.join(near[:6])}? (kincal model effects)")
+            raise BadInput(
+                f"no effect {base!r}",
+                todo=f"did you mean {', '.join(near[:6])}? `kincal model effects` lists all",
+            )
         inside = joint.rstrip("]")
         if joint and not (
             joint.endswith("]") and all(x.strip().isdigit() and int(x) > 0 for x in inside.split(","))
         ):
-            raise BadInput(f"{name!r}: write {base}[2] for one joint, or {base} for all")
+            raise BadInput(
+                f"{name!r} does not name joints", todo=f"write {base}[2] for one joint, or {base} for all"
+            )
         if any(int(x) > MAX_JOINTS for x in inside.split(",") if joint):
-            raise BadInput(f"{name!r}: an arm has up to {MAX_JOINTS} joints")
+            raise BadInput(f"{name!r}: an arm has up to {MAX_JOINTS} joints", todo="they count from 1")
         if joint and library.effects[base].per == "arm":
-            raise BadInput(f"{base} concerns the whole arm; leave [{inside}] out")
+            raise BadInput(f"{base} concerns the whole arm, no joint of it", todo=f"leave [{inside}] out")
         library.check_constants(base, constants)
 
 

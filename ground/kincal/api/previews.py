@@ -28,15 +28,23 @@ READ_BACK_S = 60.0
 @dataclass(frozen=True)
 class RolledBack:
     """What a rollback changes back, with clearance and reach of the arm as the table before has it, against
-    the one in force; why_not: why these are not known."""
+    the one in force; why_not: why these are not known. now, before: the table in force and the one that comes
+    back, with what is known of them."""
 
     changes: Changes
+    now: KinValues
+    before: KinValues
     corrected: Corrected | None = None
     why_not: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for --json."""
-        return {"changes": self.changes.as_dict(), **clearance_dict(self.corrected, self.why_not)}
+        return {
+            "from": f"{self.now.crc:08x}",
+            "to": f"{self.before.crc:08x}",
+            "changes": self.changes.as_dict(),
+            **clearance_dict(self.corrected, self.why_not),
+        }
 
 
 def what_rolls_back(
@@ -68,7 +76,7 @@ def rolled_back(
 ) -> RolledBack:
     """From the table in force to the one before it. wanted: CRCs of the tables in force."""
     found = changes.of_rollback(now, previous, *_named(tables_dir, wanted))
-    return RolledBack(_with_reasons(found, clear), clear, why_not)
+    return RolledBack(_with_reasons(found, clear), now, previous, clear, why_not)
 
 
 def _with_reasons(found: Changes, clear: Corrected | None) -> Changes:

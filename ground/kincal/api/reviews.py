@@ -10,16 +10,27 @@ from typing import TYPE_CHECKING, Any
 from kincal.flight.tables import decode_as
 from kincal.link import crc_text, read_log, unsigned32
 from kincal.operate.recording import recordings
-from kincal.review import Review, changes, find, history, reasons_to_reject, warnings
+from kincal.review import (
+    OF_A_GOOD_FIT,
+    Review,
+    changes,
+    find,
+    history,
+    parse_crc,
+    poor_fit,
+    reasons_known,
+    reasons_to_reject,
+    warnings,
+)
 from kincal.review import journal as journals
 from kincal.review.changes import Changes
 from kincal.review.history import History, Trend
-from kincal.review.journal import SEEN, Entry, Journal
+from kincal.review.journal import ARMED, SEEN, Entry, Journal
 from kincal.review.residuals import PoseResidual, residuals
 from kincal.review.status import Listed, Status, proposals_in, status
 from kincal.review.thresholds import Limits, read_limits
-from kincal_shared.errors import KincalError
-from kincal_shared.keys import file_of
+from kincal_shared.errors import BadInput, KincalError
+from kincal_shared.keys import Key, Signer, file_of
 from kincal_shared.keys import read as read_keys
 
 from . import corrected
@@ -29,11 +40,17 @@ if TYPE_CHECKING:
     from kincal.link.messages import Hk
 
 
-def read_journals(logs: Sequence[Path], journal: Path | None, key_file: Path) -> list[Journal]:
-    """The journal, and those beside the logs, each checked with its keys."""
+def read_journals(
+    logs: Sequence[Path],
+    journal: Path | None,
+    key_file: Path,
+    how: Callable[[Path, Sequence[Key]], Journal] = journals.read,
+) -> list[Journal]:
+    """The journal, and those beside the logs, each checked with its keys. how: `journals.inspect` also takes
+    those that were changed, to be shown."""
     file = file_of(key_file)
-    mine = journals.read(journals.place(journal, file), read_keys(file) if file.exists() else ())
-    of_runs = {found.path: found for log in logs if (found := journals.of_run(log))}
+    mine = how(journals.place(journal, file), read_keys(file) if file.exists() else ())
+    of_runs = {found.path: found for log in logs if (found := journals.of_run(log, how))}
     return [mine, *(found for path, found in of_runs.items() if path != mine.path)]
 
 
@@ -42,10 +59,56 @@ def absent(logs: Sequence[Path], found: Sequence[Journal]) -> list[str]:
     return [f"{log}: {text}" for log in logs for text in journals.absent(found, read_log(log))]
 
 
-def against(found: Sequence[Journal], crc: int) -> list[str]:
-    """Reasons to reject a correction, by the journals: as they were seen last."""
-    seen = [e for one in found for e in one.entries if (e.decision, e.crc) == (SEEN, crc_text(crc))]
-    return reasons_to_reject(max(seen, key=lambda e: e.time)) if seen else []
+def refuse_broken(found: Sequence[Journal]) -> None:
+    """The error of the first journal that does not verify, after it was shown."""
+    for one in found:
+        if one.broken is not None:
+            raise one.broken
+
+
+@dataclass(frozen=True)
+class Known:
+    """What journals say of a correction that waits. reasons: to reject it; questions: that are open, in
+    words; override: who has armed it in spite of the reasons, and why, in words; broken: which journal does
+    not verify, "" if all do."""
+
+    reasons: tuple[str, ...] = ()
+    questions: tuple[str, ...] = ()
+    override: str = ""
+    broken: str = ""
+
+
+def known(found: Sequence[Journal], crc: int, verdict: str, armed: bool = False) -> Known:
+    """By the journals, and by the verdict that flight states ("" if it has lost it); armed: the first step
+    was taken."""
+    text = crc_text(crc)
+    lines = [e for one in found for e in one.entries if e.crc == text]
+    reasons = reasons_known([e for e in lines if e.decision == SEEN], verdict)
+    first = [e for e in lines if e.decision == ARMED and e.override] if armed else []
+    override = [f"{e.by}, {e.time}: {journals.one_line(e.override)}" for e in first[-1:]]
+    broken = [f"{one.path} does not verify: {one.broken.what}" for one in found if one.broken]
+    return Known(tuple(reasons), tuple(questions(found, text)), "".join(override), "; ".join(broken))
+
+
+def answered(path: Path, signer: Signer, line: int, crc: int, is_question: bool) -> int:
+    """CRC of the question in a line of the journal that a comment answers; crc: that was named, 0 if none
+    was. BadInput if there is no such question."""
+    entries = journals.read(path, signer.known).entries
+    asked = entries[line - 1] if line <= len(entries) else None
+    if asked is None or asked.decision != journals.QUESTION:
+        where = f"{path}:{line}"
+        raise BadInput("there is no question in this line", where, "`kincal audit log` numbers the lines")
+    of_question = parse_crc(asked.crc) if asked.crc else 0
+    if is_question or crc not in (0, of_question):
+        about = f"correction {asked.crc}" if asked.crc else "the mission"
+        raise BadInput(f"the question in line {line} is about {about}, and a comment answers it",
+                       "--answers", "leave out --question, and --crc")  # fmt: skip
+    return of_question
+
+
+def questions(found: Sequence[Journal], crc: str) -> list[str]:
+    """Open questions about a correction, in words."""
+    return [journals.question_text(n, e) for one in found for n, e in one.open_questions(crc).items()]
 
 
 def proposals(logs: Sequence[Path], found: Sequence[Journal]) -> list[list[Listed]]:
@@ -94,6 +157,7 @@ class Shown:
             "poses": r.n_poses,
             "outliers": r.n_outliers,
             "numbers": r.numbers,
+            "do_not_hold": sorted(OF_A_GOOD_FIT) if poor_fit(r) else [],
             "reasons_to_reject": reasons_to_reject(r),
             "look_at": self.warnings,
             "changes": self.changes.as_dict(),
@@ -130,6 +194,7 @@ def show(
     )
     review, found_changes, stands_out = with_clearance(review, found_changes, clear, why)
     left = _residuals(log, review, about, tables_dir, before)
+    stands_out = [*stands_out, *questions(found, review.crc_text)]
     return Shown(review, stands_out, about, limits, found_changes, left, clear, why)
 
 

@@ -36,10 +36,12 @@ def audit_log(key_file: Path, journal: Path | None) -> None:
     Example:
         kincal audit log
     """
-    from kincal.api.reviews import read_journals
+    from kincal.api.reviews import read_journals, refuse_broken
 
-    for one in read_journals((), journal, key_file):
+    found = read_journals((), journal, key_file, journals.inspect)
+    for one in found:
         text.decisions(console(), one)
+    refuse_broken(found)
 
 
 @audit.command("verify")
@@ -78,8 +80,9 @@ def audit_verify(
     put back to an earlier state together with its end mark is noticed too.
 
     A journal that was deleted, with its end mark, looks like that of a first start. With --live flight is
-    asked: if it has accepted commands of this key, the journal is missing. (The question is a NOOP that
-    flight refuses: its event CMD_REPLAYED is the answer.)
+    asked: if it has accepted commands of this key, the journal is missing. The question is a NOOP with
+    counter 1, which flight refuses: everybody on the network sees its error CMD_REPLAYED, and for counter 1
+    `kincal` says that there is nothing to do. A journal with lines asks nothing.
 
     \b
     Examples:

@@ -111,7 +111,9 @@ class Given:
 def _table(doc: dict[str, Any], key: str) -> dict[str, Any]:
     table = doc.setdefault(key, {})
     if not isinstance(table, dict):
-        raise BadInput(f"the map has {key} = ..., a table [{key}] is needed")
+        raise BadInput(
+            f"the map has {key} = ..., which is no table", key, f"write [{key}] and its keys below"
+        )
     return table
 
 

@@ -97,7 +97,11 @@ def record(
     done = run(url, recorder, ended.is_set, say)
     say(done)
     if done.n_lost:
-        raise CommandFailed(f"{done.n_lost} messages were not recorded", str(recorder.folder))
+        raise CommandFailed(
+            f"{done.n_lost} messages were not recorded",
+            str(recorder.folder),
+            "free space there, or record to another medium by --folder; a smaller --frames takes less",
+        )
 
 
 def _frame_s(text: str) -> float:

@@ -19,6 +19,7 @@ from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console, say
 from kincal.cli.text import review as text
 from kincal.cli.wire import JOURNAL, KEYS, TIMEOUT, URL, Recorded, operator
+from kincal.link import crc_text
 from kincal.review import journal as journals
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import DEFAULT, Signer, file_of, signer_of
@@ -64,20 +65,21 @@ def review_list(
         kincal review list out/*/run.lcmlog
         kincal review list --live
     """
-    from kincal.api.reviews import absent, against, proposals, read_journals
+    from kincal.api.reviews import absent, known, proposals, read_journals, refuse_broken
     from kincal.review import decisions
 
-    out, found = console(), read_journals(logs, journal, key_file)
+    out, found = console(), read_journals(logs, journal, key_file, journals.inspect)
     text.proposals(out, proposals(logs, found))
     if live:
         with link.Link(url) as up:
             signing = _signing_options(key_file, journal)
             waits = decisions.on_board(up, timeout_s)
             options = signing + _option("--url", url, link.DEFAULT_URL)
-            text.on_board(out, waits, options, against(found, waits.crc))
+            text.on_board(out, waits, options, known(found, waits.crc, waits.verdict, waits.armed))
     for one in found:
         text.decisions(out, one)
     text.absent(out, absent(logs, found))
+    refuse_broken(found)
 
 
 @review.command("show")
@@ -174,7 +176,7 @@ def review_show(
         crc, file = _waiting(url, who, recordings, key_file, tables_dir, before, space, as_json)
     if file is None:
         raise BadInput("no log", todo="name one, or --live for what waits on board")
-    read = reviews.read_journals((file,), journal, key_file)
+    read = reviews.read_journals((file,), journal, key_file, journals.inspect)
     shown = reviews.show(file, crc, tables_dir, read, before, space)
     found, warnings, about, limits = shown.review, shown.warnings, shown.about, shown.limits
     changes, clearance = shown.changes, shown.corrected or shown.why_not
@@ -182,10 +184,12 @@ def review_show(
         click.echo(json.dumps(shown.as_dict(), indent=1))
         if by is not None:
             _see(found, by, file, key_file, journal, warnings, err=True)
+        reviews.refuse_broken(read)
         return
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
     options = _keys_option(key_file, file) + (_option("--url", url, link.DEFAULT_URL) if live else "")
     decide = to_decide(found, about, shlex.quote(str(file)), options, seen=by is not None)
+    text.broken(console(), read)
     text.show(console(), found, warnings, about, limits, decide, changes, shown.residuals, clearance)
     text.absent(console(), reviews.absent((file,), read))
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
@@ -195,6 +199,7 @@ def review_show(
     say_files("page", *made)
     if by is not None:
         _see(found, by, file, key_file, journal, warnings)
+    reviews.refuse_broken(read)
 
 
 def _waiting(
@@ -292,7 +297,7 @@ def decision_options(command: Command) -> Command:
 
 def override_option(more: str) -> Callable[[Command], Command]:
     """The option of a reason; more: what it is for, or what becomes of it."""
-    words = f"Why it is approved in spite of the reasons to reject it: {more}."
+    words = f"Why it is approved in spite of the reasons to reject it, in at least three words: {more}."
     return click.option("--override", default="", metavar="REASON", help=words)
 
 
@@ -316,7 +321,7 @@ def review_arm(crc: str, override: str, **given: Unpack[Decision]) -> None:
     from kincal.review import decisions
 
     if given["dry_run"]:
-        _dry_run("arm", crc, given, bool(override))
+        _dry_run("arm", crc, given, override)
         return
     with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
         decisions.arm(up, crc, _operator(given), override)
@@ -341,7 +346,7 @@ def review_go(crc: str, override: str, **given: Unpack[Decision]) -> None:
     from kincal.review import decisions
 
     if given["dry_run"]:
-        _dry_run("go", crc, given)
+        _dry_run("go", crc, given, override)
         return
     with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
         decisions.go(up, crc, _operator(given), override=override)
@@ -378,16 +383,19 @@ def _operator(given: Decision) -> Operator:
     return Operator(given["by"], given["why"], journal, given["timeout_s"], say, command)
 
 
-def _dry_run(verb: str, crc: str, given: Decision, override: bool = False) -> None:
-    """What flight would refuse by the last telemetry. What the journal asks for (seen, reasons) is not looked
-    at."""
-    from kincal.api import operate
+def _dry_run(verb: str, crc: str, given: Decision, override: str = "") -> None:
+    """What flight would refuse by the last telemetry, and what the journal says against it. Whether somebody
+    has seen it is not looked at."""
+    from kincal.api import operate, reviews
     from kincal.cli.text import operate as text
     from kincal.review import parse_crc
+    from kincal.review.decisions import check_words_of_override
 
     number = parse_crc(crc)
+    if override:
+        check_words_of_override(override)
     make = {
-        "arm": lambda: operate.approve_arm(number, override),
+        "arm": lambda: operate.approve_arm(number, bool(override)),
         "go": lambda: operate.approve_go(number),
         "reject": lambda: operate.reject(number),
     }
@@ -398,6 +406,14 @@ def _dry_run(verb: str, crc: str, given: Decision, override: bool = False) -> No
     signer = _signer_or_none(given["key_file"])
     found = operate.unmet(request, snapshot, now_s, signer.key.id if signer else 0)
     age = snapshot.freshness("KC_HK", now_s)
+    waits = snapshot.waiting(now_s)
+    if verb != "reject" and waits.crc == crc_text(number):
+        read = reviews.read_journals((), given["journal"], given["key_file"], journals.inspect)
+        known = reviews.known(read, number, waits.verdict, waits.armed)
+        text.known(console(), known)
+        if verb == "arm" and known.reasons and not override:
+            todo = f"`kincal review reject {waits.crc}`; in an emergency --override REASON"
+            found = (*found, operate.Unmet("an override", "none, but there are reasons to reject it", todo))
     text.unmet(console(), request.opcode, found, age, snapshot.state)
     if found:
         raise SystemExit(1)
@@ -407,26 +423,42 @@ def _dry_run(verb: str, crc: str, given: Decision, override: bool = False) -> No
 @click.argument("text")
 @click.option("--crc", default="", help="Which correction.  [default: it is about the mission]")
 @click.option("--question", is_flag=True, help="It is a question that somebody has to answer.")
+@click.option(
+    "--answers",
+    type=click.IntRange(1),
+    default=None,
+    metavar="LINE",
+    help="It answers the question in this line of the journal, about the same correction.",
+)
 @BY
 @KEYS
 @JOURNAL
 def review_comment(
-    text: str, crc: str, question: bool, by: str, key_file: Path, journal: Path | None
+    text: str, crc: str, question: bool, answers: int | None, by: str, key_file: Path, journal: Path | None
 ) -> None:
     """Write a comment or a question about a correction into the journal; without CRC, about the mission.
     `list` and the page show it.
+
+    A question about a correction is open until a comment answers it. `show`, `list --live`, `kincal status`,
+    `arm` and `go` name open ones with their line; `arm` and `go` are refused to a person who has seen the
+    correction before the question was asked.
 
     \b
     Examples:
     kincal review comment "pose 7 was in shadow" --crc 1a2b3c4d --by "B. Second"
     kincal review comment "why is J3.a_m at its bound?" --question --crc 1a2b3c4d --by "B. Second"
+    kincal review comment "its prior is too narrow, known" --answers 12 --by "A. Reviewer"
     """
+    from kincal.api.reviews import answered
     from kincal.review import parse_crc, record
 
     keys = file_of(key_file)
     path = FILE_OUT.convert(journals.place(journal, keys), None, None)
     what = journals.QUESTION if question else journals.COMMENT
-    record(path, what, parse_crc(crc) if crc else 0, by, text, "", None, signer_of(keys))
+    number, signer = parse_crc(crc) if crc else 0, signer_of(keys)
+    if answers is not None:
+        number = answered(path, signer, answers, number, question)
+    record(path, what, number, by, text, "", None, signer, answers=answers or 0)
     say(f"recorded in {path}: {what} by {by}")
 
 

@@ -105,7 +105,7 @@ def run(
     out = console()
     result = lib.calibrate(request, _observer(out), compare=compare)
     files = _write_summary(request, result) if summary and result.poses else []
-    text.run_end(out, result, [*files, request.out / "run.lcmlog"])
+    text.run_end(out, result, files, request.out / "run.lcmlog")
     raise SystemExit(0 if result.ok else EXIT_FAILED)
 
 

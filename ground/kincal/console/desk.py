@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from kincal.api import corrected, operate, previews
-from kincal.api.reviews import of_flight, with_clearance
+from kincal.api.reviews import of_flight, questions, with_clearance
 from kincal.link import Link, crc_text, unsigned32
 from kincal.link.connection import LISTEN
 from kincal.link.eventfile import event_bytes
@@ -117,6 +117,11 @@ class Desk:
         """Where decisions are written."""
         return journal.place(self.journal_file, file_of(self.key_file))
 
+    def inspect(self) -> journal.Journal:
+        """The journal, to be shown: one that was changed says so."""
+        keys = file_of(self.key_file)
+        return journal.inspect(self.journal_path, read_keys(keys) if keys.exists() else ())
+
     def entries(self) -> tuple[journal.Entry, ...]:
         """The lines of the journal. BadInput if it was changed."""
         keys = file_of(self.key_file)
@@ -210,6 +215,7 @@ class Desk:
         grid = Grid.of("<coefficient|in force|rolled back|change", rows)
         return {
             "crc": crc_text(now.crc),
+            "to": crc_text(previous.crc),
             "headline": found.changes.headline,
             "grid": plain_grid(grid),
             "against": [reason.text for reason in found.changes.reasons],
@@ -308,11 +314,13 @@ class Desk:
     def review(self, crc: str) -> Plain:
         """A correction as its page shows it, and what can be decided."""
         found, limits = self._found(crc), read_limits(self.tables_dir)
-        lines = [e for e in self.entries() if e.crc == crc]
+        kept = self.inspect()
+        lines = [e for e in kept.entries if e.crc == crc]
         about = status(self.picture.summary(), found, lines)
         clear = self._clearance(found)
         known, why = (clear.corrected, clear.why) if clear else (None, "")
         found, changed, stands_out = with_clearance(found, self._changes(found, limits), known, why)
+        stands_out = [*_not_sound(kept), *stands_out, *questions([kept], crc)]
         lines_seen = [e for e in lines if e.decision == journal.SEEN]
         reasons = self._reasons(found, lines_seen)
         page = review_pages.page(
@@ -375,10 +383,12 @@ class Desk:
         known, why = (clear.corrected, clear.why) if clear else (None, "")
         limits = read_limits(self.tables_dir)
         found, _, stands_out = with_clearance(found, self._changes(found, limits), known, why)
+        open_, entries = self.inspect().open_questions(crc), self.entries()
+        stands_out = [*stands_out, *(journal.question_text(n, e) for n, e in open_.items())]
         who = by.strip().casefold()
-        before = [e for e in self.entries() if (e.crc, e.decision) == (crc, journal.SEEN)]
-        mine = [e for e in before if e.by.casefold() == who]
-        if any(e.against == found.against for e in mine[-1:]):
+        lines = [(n, e) for n, e in enumerate(entries, 1) if (e.crc, e.decision) == (crc, journal.SEEN)]
+        mine = [(n, e) for n, e in lines if e.by.casefold() == who]
+        if any(e.against == found.against and n > max(open_, default=0) for n, e in mine[-1:]):
             return {"ok": True, "text": f"{by} has seen correction {crc}"}
         why = "; ".join(stands_out) or "nothing stood out"
         record(self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, self._signer())
@@ -431,6 +441,11 @@ def _outcome(tracked: operate.Tracked) -> Plain:
         "text": tracked.last_line,
         "steps": tracked.as_dict()["verifiers"],
     }
+
+
+def _not_sound(kept: journal.Journal) -> list[str]:
+    """That a journal does not verify."""
+    return [] if kept.broken is None else [f"the journal does not verify: {kept.broken.what}"]
 
 
 def _line(e: journal.Entry) -> Plain:

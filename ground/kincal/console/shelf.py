@@ -119,7 +119,7 @@ class Shelf:
         file, there = self.place(kind, of), self.place(kind, to)
         if not file.is_file() or not there.is_file():
             missing = "was not read back yet" if file.is_file() and to == READ else "is not there"
-            raise BadInput(f"the {kind} table {missing}")
+            raise BadInput(f"the {kind} table {missing}", todo="Read back brings it down from flight")
         mine, other, changes = tables.diff(file, there)
         rows = [[c.path, *_differing(c.a, c.b)] for c in changes[:_MOST_ROWS]]
         rest = len(changes) - len(rows)
@@ -156,7 +156,11 @@ class Shelf:
         file = self.place(kind, of)
         image, _ = check(file, self.flown())
         if image.crc_text != crc:
-            raise CommandFailed(f"the file holds table {image.crc_text} now, not {crc}", str(file))
+            raise CommandFailed(
+                f"the file holds table {image.crc_text} now, not {crc}",
+                str(file),
+                "look at it again, then send it",
+            )
         operate.refuse_several("the table", desk.picture.several(), desk.url)
         with desk.link(signed=True) as link:
             operate.uplink(link, image, desk.operator(words), max(desk.timeout_s, _TABLE_S))

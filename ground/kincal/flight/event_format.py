@@ -7,6 +7,7 @@ that shows them. It knows no enum numbers: names come from the caller, who reads
 
 from __future__ import annotations
 
+import datetime
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -60,6 +61,36 @@ def _rounded(x: float) -> str:
 
 def _unit(scale: float, unit: str) -> Show:
     return _plain(lambda x: f"{_rounded(scale * x)} {unit}")
+
+
+_LONG_US = 1e15  # 30 years: a time since 1970, or since something that never happened
+
+
+def _seconds(us: float) -> str:
+    return f"{_rounded(1e-6 * us)} s"
+
+
+def _ago(us: float) -> str:
+    return f"{_seconds(us)} ago" if 0.0 <= us < _LONG_US else "never"
+
+
+def _before_now(us: float) -> str:
+    if us >= _LONG_US:
+        return "without a time stamp"
+    return f"{_seconds(us)} before now" if us >= 0.0 else f"{_seconds(-us)} after now"
+
+
+def _time(us: float) -> str:
+    if us < _LONG_US:
+        return _seconds(us)
+    try:
+        return datetime.datetime.fromtimestamp(us * 1e-6, datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    except (OverflowError, ValueError):
+        return _seconds(us)
+
+
+def _stopped(poses: float) -> str:
+    return f"calibration stopped after {_count(poses)} poses" if poses >= 0.0 else "no calibration ran"
 
 
 def _by_index(*units: Show) -> Show:
@@ -133,7 +164,11 @@ TYPES: Mapping[str, Show] = {
     "mrad": _MRAD,
     "mm/mrad": _by_index(_MM, _MRAD),
     "mm/mrad/px": _by_index(_MM, _MRAD, _PX),
-    "s": _unit(1e-6, "s"),
+    "s": _plain(_seconds),
+    "ago": _finite(_ago),
+    "before_now": _finite(_before_now),
+    "time": _finite(_time),
+    "stopped": _finite(_stopped),
     "J": _unit(1.0, "J"),
     "crc": _finite(lambda x: f"{_bits(x):08x}"),
     "mask": _finite(lambda x: f"{_bits(x):#x}"),

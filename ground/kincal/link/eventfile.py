@@ -53,12 +53,20 @@ class EventFile:
 
     def __iter__(self) -> Iterator[FileEvent]:
         if not self.path.is_file():
-            raise BadInput("no such log file", str(self.path))
+            raise BadInput(
+                "no such log file",
+                str(self.path),
+                "recordings lie in ~/.kincal/recordings, logs of simulated runs in out/SCENARIO/run.lcmlog",
+            )
         try:
             with self.path.open("rb") as file:
                 yield from self._events(file, self.path.stat().st_size)
         except OSError as error:
-            raise BadInput(f"cannot read the log: {error.strerror}", str(self.path)) from None
+            raise BadInput(
+                f"cannot read the log: {error.strerror}",
+                str(self.path),
+                "see to its permissions and its medium",
+            ) from None
 
     def _events(self, file: BinaryIO, size: int) -> Iterator[FileEvent]:
         # where the next event should begin; whether the one before it was one

@@ -19,11 +19,11 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import FileIO
 from pathlib import Path
 from queue import Empty, Full, Queue
-from typing import TYPE_CHECKING, cast
+from typing import Any
 
 import lcm
 
@@ -32,10 +32,7 @@ from kincal.link.connection import open_lcm
 from kincal.link.eventfile import SYNC, EventFile
 from kincal_shared.errors import BadInput
 
-from .snapshot import EventLine, event_of, utc_text
-
-if TYPE_CHECKING:
-    from kincal.link.messages import Event
+from .snapshot import EventLine, Starts, event_of, utc_text
 
 FOLDER = Path("~/.kincal/recordings")
 SUFFIX = ".lcmlog"
@@ -289,18 +286,33 @@ def recordings(folder: Path | None = None, url: str = "") -> list[Path]:
     return [path for _, path in sorted(found, reverse=True)]
 
 
-def recent_events(url: str, n: int, folder: Path | None = None) -> list[EventLine]:
-    """The last events of the newest recording of a link, but those for debugging; the newest last. Empty if
-    there is none."""
+@dataclass(frozen=True)
+class Recent:
+    """The last events of a recording, the newest last; file: None if there is no recording; utc: when its
+    last message was received."""
+
+    events: tuple[EventLine, ...] = ()
+    file: Path | None = None
+    utc: str = ""
+
+
+def recent_events(url: str, n: int, folder: Path | None = None) -> Recent:
+    """The last events of the newest recording of a link, but those for debugging, with the start of flight
+    that each is of."""
     for file in recordings(folder, url)[:1]:
-        skip = frozenset(channels.BY_NAME) - {"KC_EVENT"}
-        found = []
+        skip = frozenset(channels.BY_NAME) - {"KC_EVENT", "KC_HK"}
+        found, starts, last_us = [], Starts(), 0
         for event in EventFile(file, skip, max(file.stat().st_size - _TAIL_BYTES, 0)):
-            if event.channel == "KC_EVENT":
-                try:
-                    message = channels.decode(event.channel, event.data)
-                except Exception:  # noqa: BLE001, S112 generated decoders raise anything
-                    continue
-                found.append(event_of(cast("Event", message), utc_text(event.utc_us * 1e-6)))
-        return [e for e in found if e.severity != "debug"][-n:]
-    return []
+            last_us = event.utc_us
+            try:
+                message: Any = channels.decode(event.channel, event.data)
+            except Exception:  # noqa: BLE001, S112 generated decoders raise anything
+                continue
+            if event.channel == "KC_HK":
+                starts.heard(message)
+            elif event.channel == "KC_EVENT":
+                line = starts.of(event_of(message, utc_text(event.utc_us * 1e-6)), message)
+                found.append(replace(line, recorded=True))
+        shown = tuple(e for e in found if e.severity != "debug")[-n:]
+        return Recent(shown, file, utc_text(last_us * 1e-6) if last_us else "")
+    return Recent()

@@ -12,10 +12,10 @@ from kincal_shared.errors import BadInput
 from kincal_shared.keys import Signer
 
 from .commands import Request, Step, Tracked
-from .snapshot import Snapshot
+from .snapshot import ASKING, Snapshot
 
 _POLL_S = 0.2
-_ASKING = 1  # counter of a question: those of commands begin at the clock
+FIRST_HK_S = 2.5
 
 
 def _silent(_step: Step) -> None:
@@ -38,7 +38,7 @@ def accepted_counter(link: CommandLink, timeout_s: float = 5.0) -> int:
         raise BadInput("a key is needed to ask for its counter", link.url, "name a key file by --keys")
     hk = link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
     signer, found = link.signer, []
-    link.signer = Signer(signer.key, lambda _source: _ASKING, signer.known)
+    link.signer = Signer(signer.key, lambda _source: ASKING, signer.known)
     try:
         seq = link.send("NOOP", t_us=hk.t_us)
     finally:
@@ -46,12 +46,12 @@ def accepted_counter(link: CommandLink, timeout_s: float = 5.0) -> int:
 
     def answered(r: Received) -> bool:
         event = event_name(r.message.id) if r.channel == "KC_EVENT" else ""
-        if event == "CMD_REPLAYED" and r.message.got == _ASKING:
+        if event == "CMD_REPLAYED" and r.message.got == ASKING:
             found.append(int(r.message.want))
         return bool(found) or (is_ack(r, seq) and r.message.status == 0)
 
     link.wait_for(answered, timeout_s, "the counter of this key")
-    return found[0] if found and found[0] > _ASKING else 0  # that of an earlier question is none
+    return found[0] if found and found[0] > ASKING else 0  # that of an earlier question is none
 
 
 def send(

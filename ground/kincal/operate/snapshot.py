@@ -11,7 +11,7 @@ import datetime
 import math
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from kincal.flight import tables
@@ -83,7 +83,8 @@ class Item:
 
 @dataclass(frozen=True)
 class EventLine:
-    """An event, with what is likely behind it and what to do. utc: when it was received."""
+    """An event, with what is likely behind it and what to do. utc: when it was received; start: of flight
+    that it is of, 0 if it is not known; recorded: it is from a recording, of before this program listened."""
 
     t_us: int
     utc: str
@@ -94,6 +95,8 @@ class EventLine:
     text: str
     cause: str
     action: str
+    start: int = 0
+    recorded: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,8 @@ class Table:
 @dataclass(frozen=True)
 class Status:
     """All that one screen needs. state: "" if unknown; waits_for: who has to act, a sentence; restarts: of
-    flight, since this program listens; lost_events: that flight or the link dropped."""
+    flight, since this program listens; lost_events: that flight or the link dropped; recording: how the
+    recording stands that some of the events are from, "" if none are."""
 
     utc: str
     state: str
@@ -136,6 +140,7 @@ class Status:
     boot_count: int | None
     restarts: int
     lost_events: int
+    recording: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for --json."""
@@ -145,6 +150,14 @@ class Status:
 def utc_text(utc_s: float) -> str:
     """A time of the wall clock [s since 1970] as ISO text with milliseconds."""
     return datetime.datetime.fromtimestamp(utc_s, datetime.UTC).isoformat(timespec="milliseconds")
+
+
+ASKING = 1
+"""Counter of a question: those of commands begin at the clock."""
+_ASKED = (
+    "Somebody with this key asked which counter flight has accepted last: `kincal audit verify --live`, or a "
+    "console, whose journal has no line. This refusal is the answer."
+)
 
 
 class Senders:
@@ -183,6 +196,23 @@ def _back(now: tuple[int, int, int], before: tuple[int, int, int]) -> bool:
     return same_start and (now[2] < before[2] or (now[2] == before[2] > 0 and now[1] != before[1]))
 
 
+class Starts:
+    """Which start of flight an event is of: BOOT names it before housekeeping does."""
+
+    def __init__(self) -> None:
+        self._newest = 0
+
+    def heard(self, hk: Hk) -> None:
+        """Housekeeping that was received."""
+        self._newest = hk.boot_count
+
+    def of(self, line: EventLine, e: Event) -> EventLine:
+        """An event that was received after it, with its start."""
+        if line.name == "BOOT":
+            self._newest = e.index
+        return replace(line, start=self._newest)
+
+
 class Snapshot:
     """See the module. `take` every message in the order of reception. prismatic: joints, from 1, whose values
     are lengths."""
@@ -196,6 +226,7 @@ class Snapshot:
         self._event_seq: int | None = None
         self._gaps = 0
         self._boot: int | None = None
+        self._starts = Starts()
         self._senders = Senders()
         self._offset_us: float | None = None  # largest mission time minus reception
         self._proposals: dict[int, Proposal] = {}
@@ -218,6 +249,7 @@ class Snapshot:
         self._last[channel] = Last(channel, message, now_s, utc_text(utc_s), n, self.restarts)
 
     def _heartbeat(self, hk: Hk) -> None:
+        self._starts.heard(hk)
         before = self._last.get("KC_HK")
         if self._boot is not None and hk.boot_count != self._boot:
             self.restarts += 1
@@ -232,7 +264,7 @@ class Snapshot:
             self._gaps += e.seq - self._event_seq - 1
             self.lost_events += e.seq - self._event_seq - 1
         self._event_seq = e.seq
-        self._events.append(event_of(e, utc_text(utc_s)))
+        self._events.append(self._starts.of(event_of(e, utc_text(utc_s)), e))
 
     # ---- what is known
 
@@ -408,6 +440,8 @@ def event_of(e: Event, utc: str = "") -> EventLine:
     cause, todo = event_cause(e.id), event_todo(e.id)
     if line.name == "CAL_ABORTED" and math.isfinite(e.got):
         cause, todo = event_names()["cause"].get(int(e.got), cause), abort_todo(int(e.got)) or todo
+    if line.name == "CMD_REPLAYED" and e.got == ASKING:
+        cause, todo = _ASKED, "Nothing."
     return EventLine(e.t_us, utc, e.seq, line.severity, e.id, line.name, text, cause, todo)
 
 
@@ -505,7 +539,7 @@ _ITEMS: tuple[_Row, ...] = (
         lambda m, _: f"{m.res_pos_m * 1e3:.2f} mm, {m.res_rot_rad * _RAD:.3f} deg",
     ),
     (
-        "predicted", "predicted sigma", "m", "KC_PROGRESS", lambda m: m.pred_pos_m,
+        "predicted", "predicted sigma, noise alone", "m", "KC_PROGRESS", lambda m: m.pred_pos_m,
         lambda m, _: f"{m.pred_pos_m * 1e3:.2f} mm, {m.pred_rot_rad * _RAD:.3f} deg",
     ),
 )  # fmt: skip

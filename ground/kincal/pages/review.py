@@ -10,12 +10,12 @@ from kincal.pages import image, review_figures
 from kincal.pages.page import Cell, Command, Grid, Page, Provenance, Section, Tile, write
 from kincal.pages.run_figures import MILLI
 from kincal.results import angle_text, chance_text, length_text
-from kincal.review import NUMBERS, P_FIT_MIN, CoefLine, Review, reasons_to_reject
+from kincal.review import NUMBERS, P_FIT_MIN, CoefLine, Review, poor_fit, reasons_to_reject
 from kincal.review.changes import Changes, amount
 from kincal.review.journal import SEEN
 from kincal.review.residuals import PoseResidual
 from kincal.review.status import Choice, Status
-from kincal.review.thresholds import Limits, Threshold, thresholds
+from kincal.review.thresholds import DOES_NOT_HOLD, SIGMA_DOES_NOT_HOLD, Limits, Threshold, thresholds
 
 COEF_COLUMNS = "<coefficient|value|1 sigma|value/sigma|<unit|<status|<confounded with"
 
@@ -42,6 +42,7 @@ def page(
         provenance=provenance,
         verdict=f"{review.verdict[:1].upper()}{review.verdict[1:]}; {about.state}.",
         summary=[
+            *([f"{SIGMA_DOES_NOT_HOLD[:1].upper()}{SIGMA_DOES_NOT_HOLD[1:]}."] if poor_fit(review) else []),
             *([f"{changes.headline}."] if changes else []),
             *_waits(review, about),
             *_look_at(review, warnings),
@@ -208,13 +209,15 @@ def _tiles(r: Review) -> list[Tile]:
     position = f"{length_text(n['before_pos_m'])} → {length_text(n['fit_pos_m'])}"
     rotation = f"{angle_text(n['before_rot_rad'])} → {angle_text(n['fit_rot_rad'])}"
     rank_mood = "" if n["rank"] == n["n_free"] else "bad"
+    poor = poor_fit(r)
+    no_change = DOES_NOT_HOLD if poor else "chance of this if nothing had changed"
     return [
         Tile("position residual RMS", position, about=same),
         Tile("rotation residual RMS", rotation, about=same),
         Tile("rank", f"{n['rank']:.0f} of {n['n_free']:.0f}", rank_mood, "free coefficients"),
         Tile("p of the fit", chance_text(n["p_fit"]), "" if n["p_fit"] >= P_FIT_MIN else "bad",
              f"chance of a fit as bad as this; at least {P_FIT_MIN:g}"),
-        Tile("p of no change", chance_text(n["p_no_change"]), about="chance of this if nothing had changed"),
+        Tile("p of no change", chance_text(n["p_no_change"]), "bad" if poor else "", no_change),
         Tile("poses rejected", f"{r.n_outliers} of {r.n_poses}", "bad" if r.n_outliers else ""),
     ]  # fmt: skip
 
@@ -255,6 +258,8 @@ def _numbers(r: Review, limits: Limits | None) -> Section:
 def _asked(threshold: Threshold | None) -> tuple[str, str | Cell]:
     if threshold is None:
         return "for information", ""
+    if not threshold.holds:
+        return threshold.text, Cell("no", "bad")
     words = {None: Cell(""), True: Cell("yes", "good"), False: Cell("no", "bad")}
     return threshold.text, words[threshold.kept]
 

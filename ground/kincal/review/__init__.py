@@ -5,7 +5,9 @@ line in an append-only journal (journal.py)."""
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,7 +113,8 @@ NUMBERS = (
     ("before_rot_rad", "rad", "RMS rotation residual with the table in force, rejected poses left out"),
     ("fit_pos_m", "m", "RMS position residual of the same poses with the proposed values"),
     ("fit_rot_rad", "rad", "RMS rotation residual of the same poses with the proposed values"),
-    ("pred_pos_m", "m", "predicted position error over the search space, in the frame it has to be right in"),
+    ("pred_pos_m", "m", "predicted position error over the search space, in the frame it has to be right in: "
+     "of the noise and of camera, mast and tags as CAMERA states them"),
     ("pred_rot_rad", "rad", "predicted rotation error over the search space, in that frame"),
     ("confidence", "", "probability that the error is within the bounds that follow; 0: they are RMS"),
     ("bound_pos_m", "m", "bound of the position error over the search space, RMS"),
@@ -121,9 +124,19 @@ NUMBERS = (
     ("pred_camera_rot_rad", "rad", "rotation, camera's frame"),
     ("pred_lander_pos_m", "m", "position, lander's frame: the base frame of the arm"),
     ("pred_lander_rot_rad", "rad", "rotation, lander's frame"),
-    ("pred_noise_pos_m", "m", "position, by the noise of the detections alone"),
+    ("pred_noise_pos_m", "m", "position, by the noise of the detections alone: the part of pred_pos_m that "
+     "each pose reports as predicted sigma"),
     ("pred_noise_rot_rad", "rad", "rotation, by the noise of the detections alone"),
+)  # fmt: skip
+OF_A_GOOD_FIT = frozenset(
+    (
+        "p_no_change",
+        "confidence",
+        "n_checked",
+        *(key for key, _u, _t in NUMBERS if key[:5] in ("pred_", "bound")),
+    )
 )
+"""Numbers that are made from the covariance: they hold only where the model explains the data."""
 
 
 def from_message(p: Any, names: list[str]) -> Review:
@@ -228,12 +241,30 @@ def reasons_to_reject(review: Review | Entry) -> list[str]:
     return [*(text for text in by_numbers if text), *review.against]
 
 
+def reasons_known(seen: Sequence[Entry], verdict: str) -> list[str]:
+    """Reasons to reject what waits, as they were seen last, and clearance as anybody has seen it; verdict:
+    that flight states now, "" if it has lost it."""
+    lost = [] if verdict else ["flight has lost its verdict"]
+    if not seen:
+        return ["flight itself calls the fit poor"] if verdict == VERDICTS["POOR"] else lost
+    last = max(seen, key=lambda entry: entry.time)
+    against = tuple(dict.fromkeys(reason for entry in seen for reason in entry.against))
+    last = dataclasses.replace(last, verdict=verdict or last.verdict, against=against)
+    return [*reasons_to_reject(last), *lost]
+
+
 def called_poor(numbers: Mapping[str, float]) -> str:
     """That flight's verdict is POOR, and where to look for the reason if it is not in the numbers."""
     text = "flight itself calls the fit poor"
     if _bad_fit(numbers):
         return text
     return f"{text} (its numbers do not say why: see CAL_CHANGED, CAL_OUTLIER or CAL_EST before it)"
+
+
+def poor_fit(review: Review) -> bool:
+    """Whether the model does not explain the data, by flight's verdict or by p: the covariance does not hold
+    then, nor does what is made from it."""
+    return review.verdict == VERDICTS["POOR"] or bool(_bad_fit(review.numbers))
 
 
 def _bad_fit(numbers: Mapping[str, float]) -> str:
@@ -249,14 +280,12 @@ def _larger_residual(numbers: Mapping[str, float]) -> str:
 
 
 def parse_crc(text: str) -> int:
-    """A CRC from up to eight hex digits; BadInput if it is none."""
-    try:
-        value = int(text, 16)
-    except ValueError:
-        value = -1
-    if not 0 <= value <= 0xFFFFFFFF:
-        raise BadInput(f"{text!r} is not a CRC", todo="give its eight hex digits as listed")
-    return value
+    """A CRC from its eight hex digits; BadInput if it is none: one with digits left out would be another."""
+    if not re.fullmatch(r"(0[xX])?[0-9a-fA-F]{8}", text):
+        raise BadInput(
+            f"{text!r} is not a CRC", todo="give its eight hex digits as listed: 1a2b3c4d or 0x1a2b3c4d"
+        )
+    return int(text, 16)
 
 
 def coef_names(tables_dir: Path, terms_crc: int = 0) -> list[str]:
@@ -317,11 +346,13 @@ def record(
     command: str = "",
     armed_key: int = 0,
     kind: str = "",
+    answers: int = 0,
 ) -> Entry:
     """Append one decision, which the last command of the signer carried out, or what was seen or attempted;
     review: the proposal, or an entry that has its numbers; override: why it was approved in spite of the
     reasons to reject it; command: that was attempted or refused; armed_key: that took the first step of what
-    is approved; kind: of the table that the command is about. Refuses when the journal was tampered with."""
+    is approved; kind: of the table that the command is about; answers: line of the question that a comment
+    answers. Refuses when the journal was tampered with."""
     check_words(by, why)
     entry = Entry(
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -338,6 +369,7 @@ def record(
         armed_key=armed_key,
         against=tuple(review.against) if review else (),
         kind=kind,
+        answers=answers,
     )
     return journals.append(journal, entry, signer)
 

@@ -228,7 +228,11 @@ class Flown:
             raise BadInput(f"no {kind} table", str(file), "give --tables DIR with the tables of the run")
         image, table = decode(file.read_bytes(), str(file))
         if image.kind != kind:
-            raise BadInput(f"this is a {image.kind} table, a {kind} table is needed", str(file))
+            raise BadInput(
+                f"this is a {image.kind} table, a {kind} table is needed",
+                str(file),
+                "give --tables DIR with the tables of the run",
+            )
         return table
 
     def bound(self, index: int, value: float) -> float:

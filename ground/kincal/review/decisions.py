@@ -20,8 +20,21 @@ from kincal.link.names import state_name, verdict_name
 from kincal_shared.errors import BadInput, CommandFailed, KincalError, NoAnswer
 from kincal_shared.keys import Signer, holder, other_than
 
-from . import KIN_KIND, Entry, Review, check_words, journal, parse_crc, reasons_to_reject, record, warnings
+from . import (
+    KIN_KIND,
+    Entry,
+    Review,
+    check_words,
+    journal,
+    parse_crc,
+    reasons_known,
+    reasons_to_reject,
+    record,
+    warnings,
+)
 
+LEAST_WORDS = 3
+"""Of an override: who reads the journal later has to learn from it why."""
 OVERRIDE = int(library("flight").constant("KC_OVERRIDE_FIT"))
 Say = Callable[[str], None]
 Accepted = Callable[[], None]
@@ -173,7 +186,7 @@ def arm(
                 f"`kincal review reject {case.text}` drops it",
             )
         seen = _seen(case, who, against)
-        _check_override(case, seen, override)
+        _say_overridden(who, _check_override(case, seen, override))
 
         def accepted() -> None:
             who.say(f"approval of correction {case.text} armed")
@@ -205,11 +218,12 @@ def go(link: CommandLink, crc: str, who: Operator, against: Sequence[str] = (), 
         _check_holder(case, link)
         seen = _seen(case, who, against)
         armed = [e for e in case.before.entries if (e.decision, e.crc) == (journal.ARMED, case.text)]
-        override = _overridden(case, seen, armed[-1] if armed else None, override)
+        override, reasons = _overridden(case, seen, armed[-1] if armed else None, override)
         for entry in armed[-1:]:
             who.say(f"armed by {entry.by}, {entry.time}: {journal.one_line(entry.why)}")
         if override:
             who.say(f"by override: {journal.one_line(override)}")
+        _say_overridden(who, reasons)
         send_go(
             link,
             case.crc,
@@ -330,6 +344,7 @@ def _seen(case: _Case, who: Operator, against: Sequence[str] = ()) -> Entry:
             seen.url,
             "look at it again, then decide",
         )
+    _look_at_questions(case, who, seen)
     known = [reason for entry in case.before.seen_all(case.text) for reason in entry.against]
     return dataclasses.replace(seen, against=tuple(dict.fromkeys(known)))
 
@@ -345,10 +360,40 @@ def _check_holder(case: _Case, link: CommandLink) -> None:
         )
 
 
-def _check_override(case: _Case, seen: Entry, override: str) -> None:
-    reasons = reasons_to_reject(dataclasses.replace(seen, verdict=case.waits.verdict or seen.verdict))
-    if not case.waits.verdict:
-        reasons.append("flight has lost its verdict")
+def _look_at_questions(case: _Case, who: Operator, seen: Entry) -> None:
+    """Name the open questions; BadInput if one was asked since `who.by` has seen the correction."""
+    asked = case.before.open_questions(case.text)
+    at = max(n for n, entry in enumerate(case.before.entries, 1) if entry == seen)
+    if new := [journal.question_text(n, entry) for n, entry in asked.items() if n > at]:
+        raise BadInput(
+            f"{who.by} saw correction {case.text} before this was asked: {'; '.join(new)}",
+            str(who.journal),
+            "look at it again with `kincal review show`, or have it answered; then decide",
+        )
+    for n, entry in asked.items():
+        who.say(f"note: {journal.question_text(n, entry)}")
+
+
+def _say_overridden(who: Operator, reasons: Sequence[str]) -> None:
+    for reason in reasons:
+        who.say(f"reason to reject, overridden: {reason}")
+
+
+def check_words_of_override(override: str) -> None:
+    """BadInput if it is too short to be a reason."""
+    n = sum(any(map(str.isalnum, word)) for word in override.split())
+    if n < LEAST_WORDS:
+        raise BadInput(
+            f"an override has to say why in at least {LEAST_WORDS} words; this one has {n}: {override!r}",
+            "--override",
+            "say why it is approved in spite of the reasons to reject it: the journal keeps it",
+        )
+
+
+def _check_override(case: _Case, seen: Entry, override: str) -> list[str]:
+    """The reasons to reject that are overridden; BadInput if there are some and no override, or the other way
+    round."""
+    reasons = reasons_known([seen], case.waits.verdict)
     if override and not reasons:
         raise BadInput(f"there is nothing to override: nothing speaks against correction {case.text}",
                        todo="leave --override out")  # fmt: skip
@@ -356,16 +401,19 @@ def _check_override(case: _Case, seen: Entry, override: str) -> None:
         raise BadInput(
             f"there are reasons to reject correction {case.text}: {'; '.join(reasons)}",
             seen.url,
-            f"`kincal review reject {case.text}`; to approve it in spite of them, say why: --override REASON",
+            f"`kincal review reject {case.text}`; to approve it in spite of them, say why in at least "
+            f"{LEAST_WORDS} words: --override REASON",
         )
+    if reasons:
+        check_words_of_override(override)
+    return reasons
 
 
-def _overridden(case: _Case, seen: Entry, first: Entry | None, override: str) -> str:
-    """Why the second step is taken in spite of reasons to reject: as the first step says (None: it is not in
-    this journal), or as `override` says. BadInput if there are some and neither does."""
+def _overridden(case: _Case, seen: Entry, first: Entry | None, override: str) -> tuple[str, list[str]]:
+    """Why the second step is taken in spite of reasons to reject, and these: as the first step says (None: it
+    is not in this journal), or as `override` says. BadInput if there are some and neither does."""
     if first is None:
-        _check_override(case, seen, override)
-        return override
+        return override, _check_override(case, seen, override)
     if override:
         raise BadInput(
             f"{first.by} has taken the first step, and said what it overrides: "
@@ -382,7 +430,7 @@ def _overridden(case: _Case, seen: Entry, first: Entry | None, override: str) ->
             f"approval has expired ({case.waits.left_s:.0f} s), then `kincal review arm {case.text} "
             "--override REASON`",
         )
-    return first.override
+    return first.override, reasons
 
 
 def _write(case: _Case, who: Operator, decision: str, seen: Entry | None, override: str = "") -> None:

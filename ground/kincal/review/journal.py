@@ -15,14 +15,15 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from kincal.flight import library, tables
 from kincal.link import LogSummary, crc_text
 from kincal.link.names import opcode
-from kincal_shared.errors import BadInput
+from kincal_shared.errors import BadInput, KincalError
 from kincal_shared.keys import Key, Signer, holder, lock, open_own, signed_by
 from kincal_shared.keys import read as read_keys
 
@@ -75,7 +76,8 @@ class Entry:
     marked: 1 if an end mark is kept from here on; armed_key: of an approval, the key that took its first
     step, as flight says; against: reasons to reject the proposal that its verdict and numbers do not show
     (clearance), as they were seen; kind: of the table that is sent, checked, put in force or read back. A
-    line leaves these five out where they are empty."""
+    answers: of a comment, the number of the line, from 1, with the question that it answers. A line leaves
+    these six out where they are empty."""
 
     time: str
     decision: str
@@ -97,12 +99,13 @@ class Entry:
     armed_key: int = 0
     against: tuple[str, ...] = ()
     kind: str = ""
+    answers: int = 0
 
     def text(self) -> str:
         """The line of the journal."""
         fields = dataclasses.asdict(self)
         # lines of before they were there stay as they are
-        later = {"command", "marked", "armed_key", "against", "kind"}
+        later = {"command", "marked", "armed_key", "against", "kind", "answers"}
         return json.dumps({k: v for k, v in fields.items() if v or k not in later}, sort_keys=True)
 
     @property
@@ -111,7 +114,8 @@ class Entry:
         kind = f"{self.kind} table" if self.kind else "table"
         if self.decision in SAID:
             to = _TO_TABLES.get(self.command, "").format(kind)
-            return f"{self.decision}: {to}" if to else f"{self.decision} {self.command}".strip()
+            answers = f", answers line {self.answers}" if self.answers else ""
+            return f"{self.decision}: {to}" if to else f"{self.decision} {self.command}".strip() + answers
         return _TABLES.get(self.decision, self.decision).format(kind)
 
     def mac_of(self, key: Key) -> str:
@@ -122,13 +126,20 @@ class Entry:
 @dataclass(frozen=True)
 class Journal:
     """What a journal holds. unconfirmed: how many of its last lines no key vouches for; why: in words; keys:
-    that it was checked with."""
+    that it was checked with; broken: what `inspect` found wrong with it, None if it is sound."""
 
     path: Path
     entries: tuple[Entry, ...] = ()
     unconfirmed: int = 0
     why: str = ""
     keys: tuple[Key, ...] = field(default=(), repr=False)
+    broken: KincalError | None = None
+
+    def open_questions(self, crc: str) -> dict[int, Entry]:
+        """Questions about a correction that no comment answers, by the number of their line."""
+        answered = {entry.answers for entry in self.entries}
+        lines = enumerate(self.entries, 1)
+        return {n: e for n, e in lines if (e.decision, e.crc) == (QUESTION, crc) and n not in answered}
 
     def seen_by(self, who: str, crc: str) -> Entry | None:
         """The last line, vouched for by a key, that says that somebody has seen a proposal; names without
@@ -165,7 +176,41 @@ def read(path: Path, keys: Sequence[Key] = ()) -> Journal:
             lock(file, path, LOCK_WAIT_S, fcntl.LOCK_SH)
             return _parsed(path, file.readall(), keys)
     except OSError as error:
-        raise BadInput(f"the review journal cannot be read: {error.strerror}", str(path)) from None
+        raise BadInput(
+            f"the review journal cannot be read: {error.strerror}",
+            str(path),
+            "see to its permissions, or name another by --journal",
+        ) from None
+
+
+def inspect(path: Path, keys: Sequence[Key] = ()) -> Journal:
+    """As `read`, but of a journal that was changed all lines that can be read, which no key vouches for: to
+    show them, never to decide by them."""
+    try:
+        return read(path, keys)
+    except BadInput as error:
+        entries = _readable(path)
+        return Journal(path, entries, len(entries), "the journal does not verify", tuple(keys), error)
+
+
+def _readable(path: Path) -> tuple[Entry, ...]:
+    try:
+        lines = _lines(path.read_bytes())
+    except OSError:
+        return ()
+    found = []
+    for line in lines:
+        with suppress(BadInput):
+            found.append(_entry(line, ""))
+    return tuple(found)
+
+
+def question_text(number: int, entry: Entry) -> str:
+    """An open question, with how it is answered; number: of its line."""
+    return (
+        f"open question by {entry.by}, {entry.time}: {one_line(entry.why)} "
+        f"(answer it: `kincal review comment TEXT --answers {number} --by NAME`)"
+    )
 
 
 def append(path: Path, entry: Entry, signer: Signer) -> Entry:
@@ -411,6 +456,7 @@ _TYPES: dict[str, type | tuple[type, ...]] = {
     "counter": int,
     "unconfirmed": int,
     "marked": int,
+    "answers": int,
     "armed_key": int,
     "against": tuple,
 }
@@ -496,13 +542,13 @@ MISSING_TODO = (
 )
 
 
-def of_run(log: Path) -> Journal | None:
+def of_run(log: Path, how: Callable[[Path, Sequence[Key]], Journal] = read) -> Journal | None:
     """The journal of a run, beside its log, checked with the keys of the run if they are there; None if there
-    is neither. BadInput as `read`."""
+    is neither. how: `read` or `inspect`, and its errors."""
     path, keys = log.with_name(NAME), log.with_name(RUN_KEYS)
     if not path.is_file() and not keys.is_file():
         return None
-    return read(path, read_keys(keys) if keys.is_file() else ())
+    return how(path, read_keys(keys) if keys.is_file() else ())
 
 
 def place(journal: Path | None, key_file: Path) -> Path:

@@ -8,7 +8,13 @@ from pathlib import Path
 from kincal.flight import library
 from kincal.flight.tables import decode_as
 
-from . import P_FIT_MIN, Review
+from . import OF_A_GOOD_FIT, P_FIT_MIN, Review, poor_fit
+
+DOES_NOT_HOLD = "does not hold: the fit is poor"
+SIGMA_DOES_NOT_HOLD = (
+    "the fit is poor: sigma, correlations, predicted error, its bound and p_no_change assume that the model "
+    "explains the data, and do not hold; the error can be much larger"
+)
 
 
 @dataclass(frozen=True)
@@ -25,10 +31,12 @@ class Limits:
 
 @dataclass(frozen=True)
 class Threshold:
-    """What a number has to be, in words; kept: None where nothing is asked of it."""
+    """What a number has to be, in words; kept: None where nothing is asked of it; holds: False where the
+    number says nothing, which the text says then."""
 
     text: str
     kept: bool | None = None
+    holds: bool = True
 
 
 def read_limits(tables_dir: Path) -> Limits | None:
@@ -55,7 +63,11 @@ def thresholds(review: Review, limits: Limits | None) -> dict[str, Threshold]:
         "fit_pos_m": Threshold("below before_pos_m", k["fit_pos_m"] <= k["before_pos_m"]),
         "fit_rot_rad": Threshold("below before_rot_rad", k["fit_rot_rad"] <= k["before_rot_rad"]),
     }
-    return out if limits is None else out | _configured(review, limits)
+    if limits is not None:
+        out |= _configured(review, limits)
+    if poor_fit(review):
+        out |= {key: Threshold(DOES_NOT_HOLD, holds=False) for key in OF_A_GOOD_FIT}
+    return out
 
 
 def _configured(review: Review, limits: Limits) -> dict[str, Threshold]:

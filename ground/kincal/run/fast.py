@@ -54,7 +54,11 @@ class InProcessLink(CommandLink):
         deadline_s = self.clock_s() + timeout_s
         while not self._received and self.clock_s() < deadline_s:
             if not self._step():
-                raise CommandFailed("the run ended while the ground waited for flight", URL)
+                raise CommandFailed(
+                    "the run ended while the ground waited for flight",
+                    URL,
+                    "`kincal log` of its log says how",
+                )
         return self._received.popleft() if self._received else None
 
     def publish(self, channel: str, message: LcmMessage) -> None:
@@ -94,7 +98,11 @@ def perform(request: Request, observer: Observer) -> Finished:
         _follow(request, InProcessLink(simulation), evaluator, observer)
         run = simulation.result()
     if not run.ended:
-        raise CommandFailed(f"no end after {run.mission_s:g} s of mission time", str(request.out))
+        raise CommandFailed(
+            f"no end after {run.mission_s:g} s of mission time",
+            str(request.out),
+            f"`kincal log {request.out / outputs.LOG}` lists what flight waited for",
+        )
     outputs.write(request.out / outputs.RESULT, run.record)
     outputs.write(request.out / outputs.CONTACTS, run.contacts)
     facts = {"url": URL, "scenario": scenario.name, "seed": request.seed, "mode": request.mode}

@@ -23,6 +23,7 @@ for _command in (
     measured.diagnose_command,
     measured.fit_command,
     measured.next_command,
+    files.predict_command,
     files.effects_command,
     files.add_command,
     files.remove_command,

@@ -236,6 +236,44 @@ def uplink_command(
         click.echo(f"{fly_dir}: tables to fly with")
 
 
+@click.command("predict")
+@click.option(
+    "--arm",
+    "arm_path",
+    type=PATH,
+    default=None,
+    help="Arm table that the model was fitted with.  [default: as the model says]",
+)
+@data_options()
+@MODEL_NEEDED
+@EFFECTS
+@JSON
+def predict_command(
+    arm_path: Path | None, given: Given, model_path: Path, effect_files: tuple[Path, ...], as_json: bool
+) -> None:
+    """How well does the fitted model predict other measurements? Nothing is fitted to them.
+
+    The values are those that `kincal model fit` wrote into the model file, base and tool frame too: the
+    measurements have to be in the same base frame. Shown beside the error of the nominal arm in these frames,
+    and the error on held-out poses when the model was fitted. (`compare` and `fit` fit anew.)
+
+    \b
+    Example:
+        kincal model predict --model M.toml --data new.csv
+    """
+    from kincal.api.models import arm_of, load_model
+    from kincal.api.predicted import predict
+    from kincal.cli.text import model as text
+    from kincal.export import calibrated_arm
+    from kincal_shared.schema.arm import read_arm
+
+    chosen, library = load_model(model_path, effect_files)
+    arm = read_arm(arm_of(chosen, model_path, arm_path))
+    calibrated = calibrated_arm(arm, chosen, library, name=str(model_path))
+    found = predict(calibrated, given.checked(arm), library, tuple(given.paths))
+    click.echo(json.dumps(text.predicted_json(found), indent=1) if as_json else text.predicted(found))
+
+
 @click.command("export")
 @click.option(
     "--arm",

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from math import isfinite
 from typing import Any
 
+from kincal.api.predicted import Predicted
 from kincal.export import Exported
 from kincal.workbench.diagnosis.additions import Addition
 from kincal.workbench.diagnosis.unnamed_effects import Found
@@ -171,3 +172,49 @@ def _without_them(made: Exported, form: str, fit: FitEntry | None) -> Iterator[s
             f"{fit.held_mm:.3f} mm with all that was fitted"
         )
     yield "  --format urdf, json, python and c hold it"
+
+
+def predicted(p: Predicted) -> str:
+    """Errors at poses that the model was not fitted to."""
+    lines = [
+        f"{p.arm}: {p.poses} poses of {p.source}, {p.components} components; nothing was fitted to them",
+        *([f"skipped: {p.skipped} malformed rows"] if p.skipped else []),
+        f"nominal arm        {_error(p.nominal)} in the base and tool frame that the fit found",
+        f"fitted model       {_error(p.model)}, at most {_error(p.largest)}",
+        f"when it was fitted {'unknown: no poses were held out' if p.held is None else _error(p.held)}"
+        + (" on held-out poses" if p.held else ""),
+    ]
+    lines += [f"note: the model was fitted to {file}: this is no prediction" for file in p.fitted]
+    return "\n".join(
+        [*lines, "worst poses        " + "; ".join(f"{w.id} {_error((w.pos_m, w.rot_rad))}" for w in p.worst)]
+    )
+
+
+def predicted_json(p: Predicted) -> dict[str, Any]:
+    """`kincal model predict --json`."""
+    return {
+        "arm": p.arm,
+        "data": p.source,
+        "poses": p.poses,
+        "components": p.components,
+        "skipped": p.skipped,
+        "errors": [
+            {"model": "nominal", **_milli(p.nominal)},
+            {"model": "model", **_milli(p.model)},
+        ],
+        "max": _milli(p.largest),
+        "held": None if p.held is None else _milli(p.held),
+        "worst_poses": [{"id": w.id, **_milli((w.pos_m, w.rot_rad))} for w in p.worst],
+        "fit_data": list(p.fitted),
+    }
+
+
+def _error(pair: tuple[float, float | None]) -> str:
+    rotation = "" if pair[1] is None else f", {pair[1] * 1e3:.2f} mrad"
+    return f"{pair[0] * 1e3:.3f} mm{rotation}"
+
+
+def _milli(pair: tuple[float, float | None]) -> dict[str, float | None]:
+    """Millimetres and milliradians."""
+    rotation = None if pair[1] is None else round(pair[1] * 1e3, 6)
+    return {"pos_mm": round(pair[0] * 1e3, 6), "rot_mrad": rotation}

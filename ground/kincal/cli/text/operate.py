@@ -20,6 +20,7 @@ from kincal.api.operate import (
     Tracked,
     Unmet,
 )
+from kincal.api.reviews import Known
 from kincal.cli.text.layout import grid
 from kincal.cli.text.run import POSE_HEAD, pose_line
 
@@ -28,19 +29,21 @@ _SEVERITY = {"error": "red", "warning": "yellow"}
 SHOWN_EVENTS = 6
 
 
-def status(out: Console, s: Status, url: str, all_items: bool = False) -> None:
-    """One screen: state and what waits for whom, the correction that waits, ages, tables, events."""
+def status(out: Console, s: Status, url: str, all_items: bool = False, said: Known = Known()) -> None:  # noqa: B008
+    """One screen: state and what waits for whom, the correction that waits and what the journal says of it,
+    ages, tables, events."""
     state = escape(s.state) or "state unknown"
     mark = f" [yellow]({STALE})[/]" if s.state_freshness.status == STALE else ""
     boots = "" if s.boot_count is None else f"; start {s.boot_count} of flight"
     out.print(f"[bold]{state}[/]{mark}  {s.utc[:19]}Z  {escape(url)}{boots}")
-    known = s.state_freshness.status == FRESH
-    out.print(f"{'waits for' if known else 'who has to act is'} {escape(s.waits_for)}")
+    fresh = s.state_freshness.status == FRESH
+    out.print(f"{'waits for' if fresh else 'who has to act is'} {escape(s.waits_for)}")
     _waiting(out, s)
+    known(out, said, "  ")
     _trouble(out, s)
     _tables(out, s)
     _items(out, [i for i in s.items if all_items or i.key not in _REST])
-    events(out, s.events)
+    events(out, s.events, s.boot_count or 0, s.recording)
 
 
 _REST = {"mission_time", "candidate", "rx_errors", "tx_errors", "energy", "staged", "events_dropped"}
@@ -61,6 +64,20 @@ def _waiting(out: Console, s: Status) -> None:
     out.print(
         f"correction [bold]{w.crc}[/] waits: {verdict}{armed}; `kincal review list --live` says what to do"
     )
+
+
+def known(out: Console, said: Known, indent: str = "") -> None:
+    """What the journals say of a correction that waits."""
+    mark = " [red](of a journal that does not verify)[/]" if said.broken else ""
+    if said.broken:
+        out.print(f"{indent}[red]{escape(said.broken)}[/]", soft_wrap=True)
+    for reason in said.reasons:
+        out.print(f"{indent}[red]reason to reject: {escape(reason)}[/]{mark}", soft_wrap=True)
+    if said.override:
+        text = f"armed by override of these reasons: {escape(said.override)}"
+        out.print(f"{indent}[red]{text}[/]{mark}", soft_wrap=True)
+    for text in said.questions:
+        out.print(f"{indent}[yellow]look at: {escape(text)}[/]{mark}", soft_wrap=True)
 
 
 def _trouble(out: Console, s: Status) -> None:
@@ -100,21 +117,32 @@ def _age(age_s: float | None) -> str:
     return f"{age_s:.1f} s ago" if age_s < 600 else f"{datetime.timedelta(seconds=round(age_s))} ago"
 
 
-def events(out: Console, found: Sequence[EventLine], title: str = "Last events") -> None:
-    """Events with cause and action; the newest last."""
+def events(out: Console, found: Sequence[EventLine], start: int = 0, recording: str = "") -> None:
+    """The last events with cause and action; the newest last. start: of flight now, 0 if it is not known;
+    recording: how the one stands that some are from."""
     if not found:
         out.print("no events received, and none in a recording of this link (`kincal record` makes one)")
         return
-    out.print(f"[bold]{title}[/]")
+    out.print("[bold]Last events[/]")
+    if recording:
+        style = "yellow" if "ended" in recording else "dim"
+        out.print(f"[{style}]those with a date are {escape(recording)}[/]", soft_wrap=True)
     for i, e in enumerate(found):
-        event(out, e, not any((e.id, e.action) == (later.id, later.action) for later in found[i + 1 :]))
+        again = any((e.id, e.action) == (later.id, later.action) for later in found[i + 1 :])
+        event(out, e, not again, start)
 
 
-def event(out: Console, e: EventLine, explained: bool = True) -> None:
-    """One event. explained: with cause and action, if it is a warning or an error."""
+def event(out: Console, e: EventLine, explained: bool = True, start: int = 0) -> None:
+    """One event. explained: with cause and action, if it is a warning or an error; start: of flight now, 0 if
+    it is not known: one of another start is marked."""
     style = _SEVERITY.get(e.severity, "default")
-    when = f"{e.utc[11:19]}Z " if e.utc else ""
-    out.print(f"{when}[{style}]{e.severity:8}[/]{escape(e.name)}: {escape(e.text)}", soft_wrap=True)
+    when = f"{e.utc[:19] if e.recorded else e.utc[11:19]}Z " if e.utc else ""
+    other = (
+        f" [yellow](start {e.start} of flight, not the present one)[/]"
+        if start and e.start not in (0, start)
+        else ""
+    )
+    out.print(f"{when}[{style}]{e.severity:8}[/]{escape(e.name)}: {escape(e.text)}{other}", soft_wrap=True)
     if explained and e.severity in _SEVERITY:
         out.print(f"        cause: {escape(e.cause)}", soft_wrap=True)
         out.print(f"        do:    {escape(e.action)}", soft_wrap=True)

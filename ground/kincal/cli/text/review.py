@@ -10,16 +10,18 @@ from rich.table import Table
 
 from kincal.api.corrected import Corrected
 from kincal.api.previews import Asked, RolledBack
+from kincal.api.reviews import Known
 from kincal.cli.text.layout import grid
+from kincal.cli.text.operate import known
 from kincal.results import angle_text, chance_text, length_text
-from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
+from kincal.review import NUMBERS, CoefLine, Review, poor_fit, reasons_to_reject
 from kincal.review.changes import Changes, amount
 from kincal.review.decisions import OnBoard
 from kincal.review.history import History, Trend, decided, utc
 from kincal.review.journal import Entry, Journal, one_line, unfinished
 from kincal.review.residuals import PoseResidual
 from kincal.review.status import Choice, Listed, Status, choices, see_first
-from kincal.review.thresholds import Limits, Threshold, thresholds
+from kincal.review.thresholds import SIGMA_DOES_NOT_HOLD, Limits, Threshold, thresholds
 
 _WORST = 5
 _MILLI = {"rad": "mrad", "m": "mm"}
@@ -58,9 +60,9 @@ def history(out: Console, found: History, trends: Sequence[Trend], entries: Sequ
     out.print(rows)
 
 
-def on_board(out: Console, waits: OnBoard, sending: str = "", against: Sequence[str] = ()) -> None:
-    """What waits on board, and what can be decided; sending: options of the commands for it; against: reasons
-    to reject it that were seen."""
+def on_board(out: Console, waits: OnBoard, sending: str = "", said: Known = Known()) -> None:  # noqa: B008
+    """What waits on board, and what can be decided; sending: options of the commands for it; said: what the
+    journals say of it."""
     if not waits.crc:
         out.print(f"on board: nothing waits; state {escape(waits.state)}")
         return
@@ -71,10 +73,17 @@ def on_board(out: Console, waits: OnBoard, sending: str = "", against: Sequence[
     else:
         out.print(f"on board: {what} waits for review")
     seen = see_first(waits.crc, "--live", sending)
-    for reason in against:
-        out.print(f"  [red]reason to reject: {escape(reason)}[/]", soft_wrap=True)
-    found = choices(waits.crc, waits.verdict, against, waits.armed, sending, _second(waits))
+    known(out, said, "  ")
+    found = choices(waits.crc, waits.verdict, said.reasons, waits.armed, sending, _second(waits))
     _choices(out, (seen, *found))
+
+
+def broken(out: Console, journals: Sequence[Journal]) -> None:
+    """Journals that do not verify."""
+    for one in journals:
+        if one.broken is not None:
+            text = f"{one.path} does not verify: {one.broken.what}. What is shown of it may have been changed"
+            out.print(f"[red]{escape(text)}[/]", soft_wrap=True)
 
 
 def _second(waits: OnBoard) -> str:
@@ -89,14 +98,17 @@ def _choices(out: Console, found: Sequence[Choice]) -> None:
 
 def decisions(out: Console, journal: Journal) -> None:
     """Past decisions of a journal, and who vouches for them."""
+    broken(out, (journal,))
     if not journal.entries:
         out.print(f"no decisions in {escape(str(journal.path))}")
         return
-    rows = grid(f"\nDecisions in {escape(str(journal.path))}", "time", "decision", "CRC", "by", "key", "why")
-    for e in journal.entries:
+    rows = grid(
+        f"\nDecisions in {escape(str(journal.path))}", "line", "time", "decision", "CRC", "by", "key", "why"
+    )
+    for n, e in enumerate(journal.entries, 1):
         why = one_line(f"{e.why}; override: {e.override}" if e.override else e.why)
         key = str(e.key_id or "") + (f" (armed by key {e.armed_key})" if e.armed_key else "")
-        rows.add_row(escape(e.time), escape(e.words), escape(e.crc), escape(e.by), key, escape(why))
+        rows.add_row(str(n), escape(e.time), escape(e.words), escape(e.crc), escape(e.by), key, escape(why))
     out.print(rows)
     for e in unfinished(journal.entries):
         text = f"{e.words} {e.crc} by {e.by}, {e.time}: nothing says what came of it; `kincal status` does"
@@ -131,6 +143,8 @@ def show(
     )
     if r.ended:
         out.print(f"measuring ended: {r.ended}")
+    if poor_fit(r):
+        out.print(f"[red]{SIGMA_DOES_NOT_HOLD}[/]", soft_wrap=True)
     if changes is not None:
         what_changes(out, changes, {c.name: c.confounded for c in r.coefs})
     what_is_near(out, clearance)
@@ -226,6 +240,12 @@ def what_is_near(out: Console, found: Corrected | str, new: str = "proposed") ->
 
 def rolled_back(out: Console, found: RolledBack) -> None:
     """What a rollback brings back."""
+    now, before = found.now, found.before
+    place = f" (values from {before.where})" if before.where else ""
+    out.print(
+        f"[bold]rollback: from KIN table {now.crc:08x} back to {before.crc:08x}[/]{escape(place)}",
+        soft_wrap=True,
+    )
     what_changes(out, found.changes)
     what_is_near(out, found.corrected or found.why_not, "rolled back")
 
@@ -278,4 +298,6 @@ def _numbers(r: Review, limits: Limits | None) -> Table:
 def _asked(threshold: Threshold | None) -> str:
     if threshold is None:
         return ""
+    if not threshold.holds:
+        return f"[red]{threshold.text}[/]"
     return f"[red]NOT {threshold.text}[/]" if threshold.kept is False else threshold.text

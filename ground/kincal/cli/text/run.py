@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from kincal.cli.text.layout import grid
+from kincal.link.names import VERDICTS
 from kincal.results import CoefResult, PoseLine, RunResult, angle_text, length_text
 
 EVENTS_SHOWN = 12
@@ -56,8 +57,8 @@ def _coef_cells(c: CoefResult) -> tuple[str, ...]:
     )
 
 
-def run_end(out: Console, r: RunResult, files: Sequence[Path]) -> None:
-    """Everything after the last pose."""
+def run_end(out: Console, r: RunResult, files: Sequence[Path], log: Path) -> None:
+    """Everything after the last pose; log: of the run."""
     if r.coefs:
         coefs(out, r.coefs)
     _held_out(out, r)
@@ -71,10 +72,30 @@ def run_end(out: Console, r: RunResult, files: Sequence[Path]) -> None:
         out.print(f"measuring ended: {r.ended}")
     _criteria(out, r)
     _events(out, r)
-    for path in files:
+    for path in (*files, log):
         out.print(f"{path}")
     ended = "[green]passed[/]" if r.ok else "[red]FAILED[/]"
     out.print(f"{ended} in {r.wall_s:.0f} s ({r.mission_s:.0f} s of mission time)")
+    if not r.ok:
+        out.print(f"to do: {escape(_next_step(r, log))}", soft_wrap=True)
+
+
+def _next_step(r: RunResult, log: Path) -> str:
+    """What to look at after a run that failed."""
+    if not r.n_free:
+        return (
+            f"`kincal log {log}` lists what flight said: its last warnings say why no correction was "
+            "proposed; docs/OPERATIONS.md has the causes of an aborted calibration"
+        )
+    if r.verdict == VERDICTS["POOR"]:
+        return (
+            f"`kincal review show {log}` says what is poor; `kincal model diagnose --arm ARM --data {log}` "
+            "what the model lacks"
+        )
+    return (
+        f"the criteria marked MISSED say what; `kincal review show {log}` shows the correction with its "
+        f"numbers and residuals, `kincal log {log}` what flight said"
+    )
 
 
 def _held_out(out: Console, r: RunResult) -> None:

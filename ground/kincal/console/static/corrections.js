@@ -93,7 +93,7 @@ async function rollbackPreview() {
   };
   if (!parts) return [];
   rolling = true;
-  show(parts.review, el("div", { class: "document" }, el("h1", {}, `Rollback of ${found.crc}`), el("p", { class: "sub" }, "what the table before changes back; nothing is sent yet"),
+  show(parts.review, el("div", { class: "document" }, el("h1", {}, `Rollback of ${found.crc} to ${found.to}`), el("p", { class: "sub" }, "what the table before changes back; nothing is sent yet"),
     wait, el("h2", {}, "What changes back"), grid(found.grid), near));
   parts.review.scrollTop = 0;
   draw(found);

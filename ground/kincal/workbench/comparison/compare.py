@@ -239,7 +239,9 @@ def _check_number(part: Measurements) -> None:
     different = part.n if part.replicate is None else len(np.unique(part.replicate))
     if different < _MIN_POSES:
         raise CannotAnswer(
-            f"{part.source}: {different} different poses to fit; at least {_MIN_POSES} are needed"
+            f"{different} different poses to fit; a fit takes at least {_MIN_POSES}",
+            part.source,
+            "measure more poses; repeated measurements of a pose count once",
         )
 
 
@@ -247,11 +249,13 @@ def _check_design(fit: Fit, dh: bool) -> None:
     """CannotAnswer where the poses leave nothing to test the model with, or do not determine it."""
     if fit.dof < _MIN_DOF:
         raise CannotAnswer(
-            f"{fit.data.source}: {fit.data.n} poses leave no degree of freedom beside the "
-            f"{len(fit.names)} coefficients; measure more poses"
+            f"{fit.data.n} poses leave no degree of freedom beside the {len(fit.names)} coefficients",
+            fit.data.source,
+            "measure more poses",
         )
     if dh and fit.rank < _MIN_RANK_SHARE * len(fit.names):
         raise CannotAnswer(
-            f"{fit.data.source}: singular design: the poses determine {fit.rank} of {len(fit.names)} "
-            "directions of the model; move more joints, and farther"
+            f"singular design: the poses determine {fit.rank} of {len(fit.names)} directions of the model",
+            fit.data.source,
+            "move more joints, and farther",
         )

@@ -99,7 +99,10 @@ def refuse(answer: Check, arm: ArmTable, todo: str) -> None:
 
 
 def _too_few(data: Measurements) -> Finding:
-    why = f"{data.n} poses are too few to tell whether the arm explains them; {LEAST_POSES} are needed"
+    why = (
+        f"{data.n} poses are too few to tell whether the arm explains them: this check takes at least "
+        f"{LEAST_POSES}, a fit fewer"
+    )
     return Finding("few_poses", why, "measure more poses", severity="warning")
 
 

@@ -50,7 +50,12 @@ def solve_frames(
 def _check_number(n: int, rotations: bool, both: bool) -> None:
     need = 3 if rotations else (7 if both else 4)
     if n < need:
-        raise CannotAnswer(f"{n} poses cannot determine the unknown frames; at least {need} are needed")
+        frames = "base and tool frames" if both else "base or tool frame"
+        raise CannotAnswer(
+            f"{n} poses cannot determine the unknown {frames}, with which a fit begins: that takes at least "
+            f"{need}",
+            todo="measure more poses (coefficients take more than frames), or give a frame in the arm table",
+        )
 
 
 def _mean(frames: Pose) -> Pose:

@@ -1,0 +1,113 @@
+"""What the fitted values of a model file say of other measurements: nothing is fitted to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kincal.export import CalibratedArm
+from kincal.export.calibrated import BASE, TOOL
+from kincal.workbench.comparison.compare import PosRot
+from kincal.workbench.comparison.fitrecord import file_digest
+from kincal.workbench.comparison.fitting import check_needs
+from kincal.workbench.data.measurements import Measurements
+from kincal.workbench.fit.least_squares import rms
+from kincal.workbench.model.effects import Library, Parameter
+from kincal.workbench.model.flight_model import flight_model
+from kincal.workbench.numerics.types import Array
+from kincal_shared.errors import CannotAnswer
+
+_WORST = 5
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """Measured minus predicted at a pose [m], [rad] (None without rotations)."""
+
+    id: str
+    pos_m: float
+    rot_rad: float | None
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Errors at N poses that no value was fitted to. nominal: of the arm table, in the base and tool frame
+    that the fit found; model: with all fitted values; held: the error on held-out poses when it was fitted,
+    None if there were none; residuals: (N, c) of the model, measured minus predicted; worst: poses, the worst
+    first; fitted: files of these measurements that the model was fitted to."""
+
+    arm: str
+    source: str
+    poses: int
+    components: int
+    skipped: int
+    nominal: PosRot
+    model: PosRot
+    held: PosRot | None
+    residuals: Array
+    worst: tuple[PoseError, ...]
+    fitted: tuple[str, ...]
+
+    @property
+    def largest(self) -> PosRot:
+        """Largest error of the model, position and rotation each."""
+        pos, rot = _sizes(self.residuals)
+        return float(pos.max()), None if rot is None else float(rot.max())
+
+
+def predict(
+    calibrated: CalibratedArm, data: Measurements, library: Library, files: tuple[Path, ...] = ()
+) -> Predicted:
+    """The errors of a fitted arm at measurements; library: of its effects; files: that the measurements were
+    read from. CannotAnswer if the data lack what an effect needs, or if the model has effects of the session
+    that it was fitted to: they say nothing of another one."""
+    check_needs(library, calibrated.effects, calibrated.arm, data)
+    if drifting := sorted(
+        {t.coefficient.group for t in calibrated.terms if any(b.var == "t" for b in t.bases)}
+    ):
+        raise CannotAnswer(
+            f"{', '.join(drifting)} holds for the session that was fitted only, and the other values with it",
+            calibrated.file,
+            "`kincal model remove` it, and `kincal model fit` again; then the rest predicts other sessions",
+        )
+    named = [(c.name, Parameter(c.name, c.unit, c.prior_sigma, c.terms)) for c in calibrated.coefficients]
+    model = flight_model(calibrated.arm, data, calibrated.base, calibrated.tool, named)
+    values = np.array([c.value for c in calibrated.coefficients])
+    frames = np.array([c.group in (BASE, TOOL) for c in calibrated.coefficients], dtype=bool)
+    residuals = model.residuals(values)
+    record = calibrated.record
+    held = None if record.held_mm is None else (record.held_mm * 1e-3, _scaled(record.held_mrad))
+    known = {entry.sha256 for entry in record.data}
+    return Predicted(
+        arm=calibrated.arm.name,
+        source=data.source,
+        poses=data.n,
+        components=data.components,
+        skipped=len(data.skipped),
+        nominal=rms(model.residuals(np.where(frames, values, 0.0))),
+        model=rms(residuals),
+        held=held,
+        residuals=residuals,
+        worst=_worst(data, residuals),
+        fitted=tuple(str(file) for file in files if file_digest(file) in known),
+    )
+
+
+def _scaled(mrad: float | None) -> float | None:
+    return None if mrad is None else mrad * 1e-3
+
+
+def _sizes(residuals: Array) -> tuple[Array, Array | None]:
+    """(N,) position and rotation errors."""
+    rotation = np.linalg.norm(residuals[:, 3:], axis=1) if residuals.shape[1] == 6 else None
+    return np.linalg.norm(residuals[:, :3], axis=1), rotation
+
+
+def _worst(data: Measurements, residuals: Array) -> tuple[PoseError, ...]:
+    pos, rot = _sizes(residuals)
+    return tuple(
+        PoseError(data.ids[i], float(pos[i]), None if rot is None else float(rot[i]))
+        for i in np.argsort(-pos)[:_WORST]
+    )
