@@ -331,18 +331,20 @@ def test_a_trend_says_which_corrections_were_put_in_force_or_approved():
 # ------------------------------------------------------------------------------- what was seen, and where
 
 
-def test_reasons_are_those_that_were_seen_last(tmp_path):
-    def seen(time, *reasons):
-        numbers = {"p_fit": 0.5, "fit_pos_m": 0.0, "before_pos_m": 1.0, "noise_scale": 1.0}
+def test_reasons_are_those_of_the_numbers_seen_last_and_of_clearance_whoever_saw_it(tmp_path):
+    def seen(time, residual_m, *clearance):
+        numbers = {"p_fit": 0.5, "fit_pos_m": residual_m, "before_pos_m": 1.0, "noise_scale": 1.0}
         when = f"2026-01-0{time}T00:00:00+00:00"
-        return replace(entry("seen"), time=when, against=reasons, verdict="change", numbers=numbers)
+        return replace(entry("seen"), time=when, against=clearance, verdict="change", numbers=numbers)
 
-    lines = (seen(1, "old"), seen(3, "newest"), seen(2, "between"), replace(seen(4, "other"), crc=OTHER))
+    lines = (seen(1, 0.0, "old"), seen(3, 2.0, "new"), seen(2, 0.0, "old"), replace(seen(4, 0.0), crc=OTHER))
     found = [journal.Journal(tmp_path / "a", lines[:2]), journal.Journal(tmp_path / "b", lines[2:])]
     for order in (found, found[::-1]):
-        assert reviews.against(order, 0xA)[-1] == "newest"
-        assert reviews.against(order, 0xB)[-1] == "other"
-        assert reviews.against(order, 0xC) == []
+        larger, *clearance = reviews.known(order, 0xA, "change").reasons
+        assert "residual" in larger and sorted(clearance) == ["new", "old"]
+        assert (
+            reviews.known(order, 0xB, "change").reasons == reviews.known(order, 0xC, "change").reasons == ()
+        )
 
 
 def test_a_correction_is_in_the_newest_recording_that_proposes_it(tmp_path):
