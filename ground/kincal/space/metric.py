@@ -32,8 +32,8 @@ class KernelMetric:
 
     def covariance(self, i: int) -> Floats:
         """Of pose i with all poses, over its variance, (n,)."""
-        half_cosine = np.abs(self._quat @ self._quat[i])
-        angle = 2.0 * np.arccos(np.minimum(half_cosine, 1.0))
+        half_cosine: Floats = np.abs(self._quat @ self._quat[i])
+        angle: Floats = 2.0 * np.arccos(np.minimum(half_cosine, 1.0))
         squared_m2 = np.sum((self._p_m - self._p_m[i]) ** 2, axis=1)
         position: Floats = np.exp(-squared_m2 / (2.0 * self._beta_m**2))
         return np.interp(angle, self._angles_rad, self._correlation) * position
