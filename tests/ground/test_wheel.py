@@ -191,11 +191,12 @@ def commands(group=main, prefix=""):
 # already, but nothing that an extra brings. Its answer goes to files NUMBER.out and NUMBER.err. With nothing
 # loaded begin the commands of the user's day below, of README and tutorial.
 RUNNER = """
-import json, os, sys
+import gc, json, os, sys
 import scipy.stats
 import kincal.pages.review, kincal.review.decisions, kincal.workbench
 from kincal.cli import main
 answers, *calls = json.loads(sys.argv[1])
+gc.freeze()  # no child goes through what is loaded
 statuses = []
 for number, words in enumerate(calls):
     pid = os.fork()

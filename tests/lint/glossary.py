@@ -18,6 +18,7 @@ import tokenize
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 SEARCHED = {
@@ -154,14 +155,17 @@ def searched(root: Path) -> Iterator[tuple[str, Path]]:
                 yield name, path
 
 
-def old_words(piece: Piece) -> Iterator[tuple[str, str]]:
-    """(what was found, what to write instead)."""
-    name = VOCABULARY.parts.sub("", piece.text) if piece.kind == "name" else ""
+@cache  # most names and many lines stand in more than one place
+def old_words(kind: str, text: str) -> tuple[tuple[str, str], ...]:
+    """Of a piece: (what was found, what to write instead)."""
+    name = VOCABULARY.parts.sub("", text) if kind == "name" else ""
+    words, faults = set(words_of(name)), []
     for rule in VOCABULARY.rules:
-        if rule.text and (found := rule.text.search(name or piece.text)):
-            yield found.group(), rule.instead
-        elif rule.names & set(words_of(name)):
-            yield piece.text, rule.instead
+        if rule.text and (found := rule.text.search(name or text)):
+            faults.append((found.group(), rule.instead))
+        elif rule.names & words:
+            faults.append((text, rule.instead))
+    return tuple(faults)
 
 
 def check_old_words(root: Path, only: list[Path]) -> list[str]:
@@ -170,7 +174,7 @@ def check_old_words(root: Path, only: list[Path]) -> list[str]:
         if only and not any(path.is_relative_to(place) for place in only):
             continue
         for piece in pieces(path):
-            for found, instead in old_words(piece):
+            for found, instead in old_words(piece.kind, piece.text):
                 faults.append(f"{name}:{piece.line}: {found!r} is an old word: {instead}")
     return list(dict.fromkeys(faults))
 

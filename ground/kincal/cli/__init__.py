@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 from collections.abc import Iterator, MutableMapping
 from importlib import import_module
@@ -12,6 +14,11 @@ import click
 # other's way (five times slower). Has to be said before numpy is loaded; the user's own setting wins.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+
+# What a command holds goes with its process: a search for cycles at the end takes as long as many commands
+# run. While packages are loaded, hardly anything becomes garbage.
+atexit.register(gc.freeze)
+gc.set_threshold(50_000)
 
 from kincal import __version__  # noqa: E402
 from kincal.cli.errors import Commands  # noqa: E402

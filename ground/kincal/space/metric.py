@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kincal.flight.kernel import rotation_correlation
-from kincal.rotations import Pose, rotation_of_wxyz
+from kincal.rotations import Pose
 
 from .arrays import Floats
 
@@ -25,14 +25,15 @@ class KernelMetric:
 
     def __init__(self, kernel: KcKernel, hyper: int, poses: Pose) -> None:
         self.n, self._p_m = len(poses.p_m), poses.p_m
-        self._rotation = rotation_of_wxyz(poses.quat_wxyz.reshape(-1, 4))
+        self._quat = poses.quat_wxyz.reshape(-1, 4)
         self._beta_m = float(kernel.hyper[hyper].beta_m)
         self._angles_rad = np.linspace(0.0, np.pi, _ANGLES)
         self._correlation = rotation_correlation(kernel, hyper, self._angles_rad)
 
     def covariance(self, i: int) -> Floats:
         """Of pose i with all poses, over its variance, (n,)."""
-        angle = (self._rotation[i].inv() * self._rotation).magnitude()
+        half_cosine: Floats = np.abs(self._quat @ self._quat[i])
+        angle: Floats = 2.0 * np.arccos(np.minimum(half_cosine, 1.0))
         squared_m2 = np.sum((self._p_m - self._p_m[i]) ** 2, axis=1)
         position: Floats = np.exp(-squared_m2 / (2.0 * self._beta_m**2))
         return np.interp(angle, self._angles_rad, self._correlation) * position
