@@ -12,20 +12,27 @@ from fake_flight import FakeFlight
 from rich.console import Console
 from rich.markup import escape
 from samples import CRC, decided, event, proposal, signed
+from test_changes import in_force, kin_image
 
 import kcm
 from kincal import review
 from kincal.api import operate
 from kincal.cli import terminal
+from kincal.cli.command import command as command_cli
+from kincal.cli.review import review as review_cli
+from kincal.cli.table import table as table_cli
 from kincal.cli.text import operate as text
 from kincal.flight import library
+from kincal.flight.tables import decode_as, encode, kind_number
+from kincal.link import names
 from kincal.review.decisions import Operator
 from kincal_shared import installation, keys
-from kincal_shared.errors import BadInput
+from kincal_shared.errors import BadInput, NoAnswer
 
 STATE = library("flight").enum("kc_state_t", "KC_ST_")
 TABLES = installation.root() / "tables" / "bin"
 EVENT = library("flight").enum("kc_event_id_t", "KC_EVT_")
+ACQUISITION, CONFIG = library("flight").enum("kc_acq_t", "KC_ACQ_"), kind_number("config")
 
 
 @pytest.fixture
@@ -203,14 +210,6 @@ def test_a_command_prints_its_verifiers_or_data_and_its_exit_status(journal):
         assert flight.unsigned == []
 
 
-def test_without_housekeeping_nothing_is_sent():
-    with FakeFlight() as flight:
-        flight._hk = lambda: None
-        run = kincal("command", "start", "--url", flight.url)
-        assert run.exit_code == 1 and "nothing was sent: no housekeeping within 3 s" in run.output
-        assert flight.commands == []
-
-
 @pytest.mark.parametrize(
     ("args", "text"),
     [
@@ -358,6 +357,324 @@ def test_a_follower_says_once_that_the_link_is_silent_and_that_flight_was_starte
     assert said[0] == "flight was started again: a calibration that ran is lost"
     assert w.tick(11.1)[0].text == "housekeeping comes again"
     assert w.ended.startswith("the calibration has ended")
+
+
+# ---------------------------------------------------------------------------- no network
+
+
+class OnLine(Lander):
+    """In place of a link of the command line: arm and pan-tilt unit are heard too. quiet: nothing is."""
+
+    quiet = False
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_exc):
+        self.closed = True
+
+    def next(self, timeout_s):
+        if self.quiet:
+            self.now_s += timeout_s
+            return None
+        return super().next(timeout_s)
+
+    def also_heard(self):
+        for channel, message in (
+            ("KC_ARM_STATE", kcm.arm_state_t()),
+            ("KC_PANTILT_STATE", kcm.pantilt_state_t()),
+        ):
+            message.t_us = self.hk.t_us
+            self.answer(channel, message)
+        return self
+
+
+@pytest.fixture
+def online(monkeypatch):
+    """Runs `kincal command ...` against this flight; None: as it is on the command line."""
+    flight = OnLine().also_heard()
+
+    def link(url, channels, signer=None):
+        assert url == "somewhere" and "KC_HK" in channels
+        flight.signer = signer
+        return flight
+
+    monkeypatch.setattr("kincal.cli.command.links.Link", link)
+    flight.run = lambda *args: kincal("command", *args, "--url", "somewhere")
+    return flight
+
+
+@pytest.mark.parametrize(
+    ("args", "opcode", "arg_i", "arg_u64"),
+    [
+        (("noop",), "NOOP", (0, 0), 0),
+        (("abort",), "ABORT", (0, 0), 0),
+        (("start",), "START", (-1, 0, 1, 0), 0),
+        (
+            ("start", "--poses", 20, "--seed", 7, "--coefficients", "1F", "--suspects"),
+            "START", (-1, 20, 7, 1), 0x1F,
+        ),
+        (("start", "--coefficients", "7fffffffffffffff"), "START", (-1, 0, 1, 0), (1 << 63) - 1),
+        (("start", "--acquisition", "RANDOM"), "START", (ACQUISITION["RANDOM"], 0, 1, 0), 0),
+        (("rollback", f"{CRC:08x}"), "ROLLBACK", (signed(CRC), 0), 0),
+        (("validate", "config", "1a2b3c4d"), "TABLE_VALIDATE", (CONFIG, 0x1A2B3C4D), 0),
+        (("activate", "config", "1a2b3c4d"), "TABLE_ACTIVATE", (CONFIG, 0x1A2B3C4D), 0),
+        (("discard",), "TABLE_DISCARD", (0, 0), 0),
+    ],
+)  # fmt: skip
+def test_each_command_sends_its_arguments_once_and_is_written_down(
+    online, journal, key_file, args, opcode, arg_i, arg_u64
+):
+    online.hk.staged_state = 3 if opcode == "TABLE_VALIDATE" else 0
+    online.hk.staged_kind = CONFIG if opcode == "TABLE_VALIDATE" else 0
+    run = online.run(*args, "--journal", journal, "--by", "A. Operator", "--why", "to see")
+    assert run.exit_code == 0, run.output
+    (sent,) = online.commands
+    assert (sent.opcode, tuple(sent.arg_i[: len(arg_i)]), sent.arg_u64) == (
+        names.opcode(opcode),
+        arg_i,
+        arg_u64,
+    )
+    assert bool(sent.key_id) and online.closed
+    written = lines(journal, key_file)
+    assert written[-1] == (opcode.lower(), opcode, "to see")
+    assert len(written) == (1 if opcode == "ABORT" else 2)
+
+
+@pytest.mark.parametrize("mask", ["8000000000000000", "-1", "1g"])
+def test_a_mask_has_up_to_63_bits(online, mask):
+    run = online.run("start", f"--coefficients={mask}")
+    assert run.exit_code == 2 and "is no mask of coefficients" in run.output and not online.commands
+
+
+def test_an_abort_goes_out_without_a_key_and_without_housekeeping(online, tmp_path):
+    run = online.run("abort", "--keys", tmp_path / "none")
+    assert run.exit_code == 0 and "no key file: ABORT is sent without a signature" in run.output
+    assert "not in the journal: there is no key" in run.output
+    online.quiet, online.hk.state = True, 0
+    run = online.run("abort", "--timeout", 1)
+    assert run.exit_code == 1 and "without a signature" not in run.output
+    assert [c.opcode for c in online.commands] == [kcm.cmd_t.ABORT] * 2
+    assert not online.commands[0].key_id and online.commands[1].key_id
+
+
+def test_what_is_done_and_what_is_not_is_the_exit_status(online):
+    online.publish, taken = lambda _channel, _message: None, online.publish
+    run = online.run("rollback", f"{CRC:08x}", "--timeout", 1, "--json")
+    assert run.exit_code == 1 and json.loads(run.output)["outcome"] == "unknown"
+    online.publish = taken
+    run = online.run("rollback", f"{CRC:08x}", "--json")
+    assert run.exit_code == 0 and json.loads(run.output)["outcome"] == "done"
+
+
+@pytest.mark.parametrize(
+    ("command", "heard", "status"), [("start", True, 0), ("start", False, 1), ("discard", False, 0)]
+)
+def test_a_dry_run_listens_to_what_the_conditions_are_judged_by(online, command, heard, status):
+    if not heard:
+        online.waiting.clear()
+    online.hk.t_us = 5_000_000
+    run = online.run(command, "--dry-run", "--json")
+    found = json.loads(run.output)
+    assert (run.exit_code, bool(found["unmet"])) == (status, status == 1), run.output
+    assert (found["command"], found["housekeeping"], found["sent"]) == (
+        command.upper() if command == "start" else "TABLE_DISCARD",
+        "fresh",
+        False,
+    )
+    assert online.now_s == pytest.approx(0.75 if heard else 3.0 if command == "start" else 0.25)
+    assert found["housekeeping_age_s"] == 0.0 and "rollback" not in found and not online.commands
+
+
+def test_a_dry_run_without_a_key_or_housekeeping_says_so(online, tmp_path):
+    run = online.run("discard", "--dry-run", "--json", "--keys", tmp_path / "none")
+    (found,) = json.loads(run.output)["unmet"]
+    assert found["condition"] == "a key to sign with" and "no keys" in found["found"] and run.exit_code == 1
+    for name in ("abort", "noop"):
+        assert online.run(name, "--dry-run", "--keys", tmp_path / "none").exit_code == 0
+    online.quiet = True
+    found = json.loads(online.run("rollback", "--json").output)
+    assert (found["housekeeping"], found["state"], "rollback" in found) == ("unknown", "", False)
+    run = online.run("discard")
+    assert run.exit_code == 1 and "nothing was sent: no housekeeping within 3 s" in run.output
+    assert not online.commands
+
+
+def test_a_rollback_without_its_correction_is_a_preview(online, tmp_path):
+    """Back from a correction to the nominal table, both in files."""
+    now, before = kin_image([0.01]), kin_image([0.0])
+    (tmp_path / "now.tbl").write_bytes(now.data)
+    (tmp_path / "before.tbl").write_bytes(before.data)
+    online.hk.table_crc, online.hk.kin_prev_crc = list(map(signed, in_force(now.crc))), signed(before.crc)
+    places = ("--from", tmp_path / "now.tbl", "--from", tmp_path / "before.tbl")
+    run = online.run("rollback", *places)
+    assert run.exit_code == 0 and f"to do it: kincal command rollback {now.crc_text}" in run.output, (
+        run.output
+    )
+    found = json.loads(online.run("rollback", "--json", *places).output)
+    (row,) = found["rollback"]["changes"]["rows"]
+    assert (row["old"], row["new"], found["command"]) == (0.01, 0.0, "ROLLBACK") and not online.commands
+    run = online.run("rollback", "--json")
+    assert isinstance(json.loads(run.output)["rollback"], str)
+    assert "no preview: " in online.run("rollback").output
+
+
+@pytest.mark.parametrize(
+    ("name", "group", "own"),
+    [
+        ("arm", review_cli, "arm"),
+        ("go", review_cli, "go"),
+        ("reject", review_cli, "reject"),
+        ("dump", table_cli, "dump"),
+    ],
+)
+def test_decisions_and_dumps_are_the_same_commands_as_in_their_own_groups(name, group, own):
+    assert command_cli.commands[name] is group.commands[own]
+
+
+# ---------------------------------------------------------------------------- coefficients of joints
+
+
+def test_the_coefficients_of_joints_are_the_enabled_ones(tmp_path):
+    image, table = decode_as("terms", (TABLES / "terms.tbl").read_bytes(), "")
+    kinds = ("phi_rad", "alpha_rad", "a_m", "d_m")
+    named = tuple(f"J{j}.{kind}" for j in (2, 4) for kind in kinds)
+    assert operate.of_joints((4, 2, 4), TABLES / "terms.tbl") == (0xF0F0, image.crc_text, named)
+    table.coef[5].enabled = 0
+    made = encode("terms", table)
+    file = tmp_path / "terms.tbl"
+    file.write_bytes(made.data)
+    assert operate.of_joints([2], file) == (0xD0, made.crc_text, (named[0], *named[2:4]))
+    for i in range(4):
+        table.coef[i].enabled = 0
+    file.write_bytes(encode("terms", table).data)
+    with pytest.raises(BadInput, match="no enabled coefficient of joint 1"):
+        operate.of_joints([1, 2], file)
+
+
+# ---------------------------------------------------------------------------- counters
+
+
+def test_listening_ends_with_its_time_or_as_soon_as_it_is_enough():
+    flight, asked = DirectFlight(), []
+
+    def silent(timeout_s):
+        asked.append(timeout_s)
+        flight.now_s += timeout_s
+
+    talks, flight.next = flight.next, silent
+    operate.listen(flight, operate.Snapshot(), 0.5, lambda _s: False)
+    assert asked == [0.2, 0.2, pytest.approx(0.1)]
+    operate.listen(flight, operate.Snapshot(), 0.0, lambda _s: False)
+    assert len(asked) == 3
+    flight.next, snapshot = talks, operate.Snapshot()
+    operate.listen(flight, snapshot, 60.0, lambda s: s.heartbeats == 2)
+    assert snapshot.heartbeats == 2 and snapshot.last("KC_HK").rx_s == flight.now_s
+
+
+class Counting(DirectFlight):
+    """Refuses a counter that is not above the highest, and says which that is. others: events of commands
+    that somebody else has sent before."""
+
+    highest, status, others = 0, -8, ()
+
+    def publish(self, channel, message):
+        for got, want in self.others:
+            self.replayed(got, want)
+        if message.counter <= self.highest:
+            self.refuse[message.opcode] = (self.status, EVENT["CMD_REPLAYED"])
+        super().publish(channel, message)
+        if message.counter <= self.highest:
+            self.replayed(message.counter, self.highest)
+
+    def replayed(self, got, want):
+        said = event(1, 1, EVENT["CMD_REPLAYED"], 2, float(got))
+        said.want = float(want)
+        self.answer("KC_EVENT", said)
+
+
+@pytest.mark.parametrize(
+    ("highest", "others", "counter"),
+    [(0, (), 0), (1, (), 0), (2, (), 2), (41, (), 41), (41, [(7, 99)], 41), (0, [(7, 99)], 0)],
+)
+def test_the_highest_counter_of_a_key_is_asked_of_flight(key_file, highest, others, counter):
+    signer = keys.signer_of(key_file)
+    flight = Counting(signer)
+    flight.highest, flight.others, flight.hk.t_us = highest, others, 7_000_000
+    assert operate.accepted_counter(flight) == counter
+    (sent,) = flight.commands
+    assert (sent.opcode, sent.counter, sent.t_us) == (kcm.cmd_t.NOOP, 1, 7_000_000)
+    assert flight.signer is signer
+
+
+def test_a_counter_is_not_guessed(key_file):
+    flight = Counting(keys.signer_of(key_file))
+    flight.refuse = {kcm.cmd_t.NOOP: (-8, EVENT["CMD_STATE"])}
+    with pytest.raises(NoAnswer, match="the counter of this key did not come within 5 s"):
+        operate.accepted_counter(flight)
+    with pytest.raises(BadInput, match="a key is needed"):
+        operate.accepted_counter(DirectFlight())
+
+
+def test_what_comes_while_a_command_is_followed_is_known_afterwards(journal, key_file):
+    flight, snapshot = Lander(keys.signer_of(key_file)), operate.Snapshot()
+    who = Operator("A", "x", journal, 5.0)
+    operate.act(flight, operate.start(), who, snapshot, lambda _step: None)
+    assert snapshot.events(1)[0].name == "CAL_START"
+    operate.act(flight, operate.abort(), who, snapshot, lambda _step: None)
+    assert snapshot.state == "SAFE"
+
+
+def test_another_flight_that_is_heard_while_a_command_is_followed_leaves_it_open(key_file):
+    """What housekeeping shows may be the other one's."""
+    flight = Lander(keys.signer_of(key_file))
+    flight.ignores.add(kcm.cmd_t.TABLE_DISCARD)
+    real, flight.hk.staged_kind = flight.next, 4
+
+    def interleaved(timeout_s):
+        if not flight.waiting:
+            flight.hk.boot_count ^= 1
+        return real(timeout_s)
+
+    flight.next = interleaved
+    done = operate.send(flight, operate.discard(), operate.Snapshot(), 60.0)
+    assert done.outcome == operate.ACCEPTED and "two senders of housekeeping" in done.last_line
+    assert flight.now_s < 5.0
+
+
+# ---------------------------------------------------------------------------- following
+
+
+def test_following_ends_when_it_is_told_to_and_gives_what_came():
+    flight = Lander()
+    flight.hk.state = STATE["MOVE"]
+    p = kcm.progress_t()
+    p.pose, p.n_goal = 1, 20
+    flight.answer("KC_PROGRESS", p)
+    found = []
+    for line in operate.follow(flight, operate.Snapshot(), lambda f: bool(f.ended)):
+        found.append(line)
+        if line.text.startswith("state MOVE"):
+            flight.hk.state = STATE["SAFE"]
+    assert [(line.n_goal, line.first) for line in found] == [(20, True), (0, False), (0, False)]
+    assert found[-1].text.startswith("state SAFE")
+    assert list(operate.follow(flight, operate.Snapshot(), lambda _f: True)) == []
+
+
+@pytest.mark.parametrize(
+    ("states", "ended", "n_lines"),
+    [
+        (["IDLE", "MOVE", "IDLE"], "the calibration has ended", [2, 1, 1]),
+        (["MOVE", "SAFE"], "the calibration has ended", [1, 1]),
+        (["SAFE", "STORE", "SAFE"], "", [2, 1, 1]),
+        (["MOVE", "AIM", "ARMED"], "a correction waits for people", [1, 0, 1]),
+        (["REVIEW", "IDLE"], "a correction waits for people", [1, 1]),
+    ],
+)
+def test_what_ends_a_calibration_that_is_followed(states, ended, n_lines):
+    w = operate.Follower(operate.Snapshot())
+    said = [w.take("KC_HK", heartbeat(s, t_us=10**6 * (k + 1)), 1.0 + k, 0.0) for k, s in enumerate(states)]
+    assert (w.ended, [len(lines) for lines in said]) == (ended, n_lines)
 
 
 # ---------------------------------------------------------------------------- nothing commands the terminal

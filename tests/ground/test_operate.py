@@ -10,15 +10,17 @@ from samples import CRC, event, signed
 import kcm
 from kincal.flight import event_name, library
 from kincal.flight.events import event_cause, event_todo
+from kincal.flight.tables import kind_number
 from kincal.link import names
 from kincal.operate import commands
 from kincal.operate.commands import ACCEPTED, DONE, RECEIVED, REFUSED, SENT, UNCERTAIN, Tracked, unmet
-from kincal.operate.snapshot import FRESH, STALE, UNKNOWN, Snapshot, event_of
+from kincal.operate.snapshot import FRESH, STALE, UNKNOWN, Senders, Snapshot, event_of
 
 ROOT = Path(__file__).resolve().parents[2]
 STATE = library("flight").enum("kc_state_t", "KC_ST_")
 EVENT = library("flight").enum("kc_event_id_t", "KC_EVT_")
 SEQ, UTC = 77, 1.8e9
+MOST, CONFIG = library("flight").constant("KC_MEAS_MAX"), kind_number("config")
 
 
 def hk(t_s=100.0, state="IDLE", boots=3, kin=1, **fields):
@@ -223,6 +225,123 @@ def test_a_next_start_and_a_change_by_somebody_else_are_the_same_flight():
     assert after(c, changed, begin_s=11.0)[-1] == DONE  # it stays so
 
 
+# what housekeeping shows when a command has its effect, what is not yet it, and what is then said
+KIN, FREE = [0, 1, 1, 1, signed(CRC), 1, 1, 1], {"staged_kind": 0, "proposal_crc": 0}
+BUSY = {"staged_kind": 4, "staged_state": 2, "proposal_crc": signed(CRC), "state": "REVIEW"}
+SHOWN = [
+    (commands.abort(), {"state": "SAFE"}, {"state": "IDLE"}, "state SAFE, the arm is held"),
+    (commands.approve_go(CRC), {"table_crc": KIN}, {"state": "IDLE"}, "correction fedcba98 in force"),
+    (commands.reject(CRC), {"proposal_crc": 0}, {"proposal_crc": 1}, "no correction waits"),
+    (commands.rollback(1), {"table_crc": KIN}, {"state": "IDLE"}, "correction fedcba98 in force"),
+    (commands.validate("kin", CRC), {"staged_state": 3}, {"staged_state": 2}, "staged table valid"),
+    (commands.validate("kin", CRC), {"staged_state": 3}, {"staged_kind": 5, "staged_state": 3}, "valid"),
+    (commands.activate("kin", CRC), {"table_crc": KIN}, {"table_crc": [0, *[signed(CRC)] * 3, 1, 1, 1, 1]},
+     "kin table fedcba98 in force"),
+    (commands.discard(), {"staged_kind": 0}, {"staged_kind": 1}, "nothing staged"),
+    (commands.start(), {"state": "MOVE"}, {"state": "REVIEW"}, "state MOVE"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("request_", "shows", "not_yet", "said"), SHOWN)
+def test_a_command_is_done_when_housekeeping_shows_what_it_brings(request_, shows, not_yet, said):
+    c, accepted = tracked(request_, "MOVE"), ack(names.opcode(request_.opcode))
+    assert after(c, ("KC_ACK", accepted), ("KC_HK", hk(**BUSY | not_yet)))[-1] == ACCEPTED
+    assert after(c, ("KC_HK", hk(102.0, **BUSY | shows)), begin_s=12.0)[-1] == DONE
+    assert said in c.last_line and c.steps[-1].t_us == 102_000_000
+    early = tracked(request_, "MOVE")  # somebody else may have brought it, until flight says that it took it
+    assert after(early, ("KC_HK", hk(**BUSY | shows)))[-1] == SENT
+    assert after(early, ("KC_ACK", accepted), begin_s=10.5)[-1] == ACCEPTED
+    assert after(early, ("KC_HK", hk(**BUSY | shows)), begin_s=10.7)[-1] == DONE
+
+
+def test_an_effect_that_an_event_explains_counts_once_the_command_is_accepted():
+    c = tracked(commands.rollback(CRC))
+    rolled_back = event(1, 5, EVENT["COR_ROLLBACK"], 1, 1.0)
+    assert after(c, ("KC_EVENT", rolled_back), ("KC_HK", hk(103.0, kin=1)))[-1] == SENT
+    assert after(c, ("KC_ACK", ack(6)), begin_s=10.5)[-1] == DONE and c.steps[-1].t_us == 103_000_000
+
+
+@pytest.mark.parametrize(
+    ("request_", "name", "got", "counts"),
+    [
+        (commands.start(), "CAL_START", 20.0, True),
+        (commands.start(), "CAL_ABORTED", 20.0, False),
+        (commands.approve_arm(CRC), "COR_ARMED", float(CRC), True),
+        (commands.approve_arm(CRC), "COR_ARMED", float(CRC - 1), False),
+        (commands.approve_arm(CRC), "COR_ARMED", float("nan"), False),
+        (commands.approve_go(CRC), "COR_ACTIVE", float(CRC), False),  # what is in force is read back
+    ],
+)
+def test_the_event_that_ends_a_command_has_to_name_its_correction(request_, name, got, counts):
+    c = tracked(request_)
+    after(
+        c, ("KC_ACK", ack(names.opcode(request_.opcode))), ("KC_EVENT", event(7, 5, EVENT[name], 1, got, 4))
+    )
+    assert (c.outcome == DONE) == counts
+
+
+@pytest.mark.parametrize(
+    ("request_", "said"),
+    [
+        (commands.abort(), "ABORT may be sent again at any time"),
+        (commands.discard(), "Look at the state (`kincal status`) before you send it again"),
+    ],
+)
+def test_what_is_known_of_a_command_without_an_answer(request_, said):
+    """The effect alone may be somebody else's: it is named, and nothing counts as done."""
+    c = tracked(request_, "MOVE")
+    assert c.outcome == "" and said not in c.last_line
+    after(c, ("KC_HK", hk(**BUSY)))
+    c.tick(13.1)
+    assert c.outcome == ""
+    c.tick(15.0)
+    assert c.outcome == UNCERTAIN and said in c.last_line and "housekeeping stopped 5 s ago" in c.last_line
+    started = tracked(commands.start())
+    after(started, ("KC_EVENT", event(1, 5, EVENT["CAL_START"], 1, 20.0, 4)), ("KC_HK", hk()), begin_s=11.8)
+    started.tick(15.0)
+    assert "No answer was received, but event CAL_START" in started.last_line
+    assert "housekeeping stopped 3 s ago" in started.last_line
+
+
+def test_the_record_of_a_command_names_its_correction():
+    c = tracked(commands.rollback(CRC))
+    after(c, ("KC_ACK", ack(6)), ("KC_ACK", ack(6)))
+    c.tick(15.0)
+    found = c.as_dict()
+    assert (found["command"], found["crc"], found["sequence_number"]) == ("ROLLBACK", "fedcba98", SEQ)
+    assert (found["outcome"], found["duplicate_acknowledgements"]) == (ACCEPTED, 1)
+    assert c.last_line.startswith("ROLLBACK fedcba98 accepted")
+    assert [v["evidence"] for v in found["verifiers"]][1:] == ["acknowledgement, status 0"] * 2
+    assert tracked(commands.noop()).as_dict()["crc"] == ""
+
+
+# ---------------------------------------------------------------------------- requests
+
+
+@pytest.mark.parametrize(
+    ("request_", "opcode", "arg_i", "crc", "kind"),
+    [
+        (commands.noop(), "NOOP", (), 0, ""),
+        (commands.start(), "START", (-1, 0, 1), 0, ""),
+        (commands.start(4, 20, 7, 3, True), "START", (4, 20, 7, 1), 0, ""),
+        (commands.abort(), "ABORT", (), 0, ""),
+        (commands.approve_arm(CRC), "APPROVE_ARM", (CRC,), CRC, ""),
+        (commands.approve_arm(CRC, True), "APPROVE_ARM", (CRC, 1), CRC, ""),
+        (commands.approve_go(CRC), "APPROVE_GO", (CRC,), CRC, ""),
+        (commands.reject(signed(CRC)), "REJECT", (signed(CRC),), CRC, ""),
+        (commands.rollback(CRC), "ROLLBACK", (CRC,), CRC, ""),
+        (commands.validate("config", CRC), "TABLE_VALIDATE", (CONFIG, CRC), CRC, "CONFIG"),
+        (commands.activate("kin", CRC), "TABLE_ACTIVATE", (4, CRC), CRC, "KIN"),
+        (commands.Request("TABLE_DUMP", (CONFIG,)), "TABLE_DUMP", (CONFIG,), 0, "CONFIG"),
+        (commands.Request("TABLE_DUMP"), "TABLE_DUMP", (), 0, ""),
+        (commands.discard(), "TABLE_DISCARD", (), 0, ""),
+    ],
+)
+def test_a_request_has_its_arguments_and_names_what_it_is_about(request_, opcode, arg_i, crc, kind):
+    assert (request_.opcode, request_.arg_i, request_.crc, request_.kind) == (opcode, arg_i, crc, kind)
+    assert request_.arg_u64 == (3 if arg_i[:1] == (4,) and opcode == "START" else 0)
+
+
 # ---------------------------------------------------------------------------- conditions
 
 
@@ -263,11 +382,80 @@ def test_nothing_speaks_against_a_start_of_a_healthy_lander():
         ),
         (commands.approve_go(CRC), {"state": "REVIEW", "proposal_crc": signed(CRC)}, "state ARMED", "REVIEW"),
         (commands.activate("kin", 7), {}, "a staged kin table", "nothing staged"),
-    ],
+        (commands.activate("kin", 7), {"staged_kind": 1}, "a staged kin table", "kind 1 staged"),
+        (
+            commands.activate("kin", 7),
+            {"staged_kind": 4, "staged_state": 2},
+            "a staged kin table that flight has checked",
+            "not checked yet",
+        ),
+        (commands.validate("kin", 7), {"staged_kind": 1}, "a staged kin table", "kind 1 staged"),
+        (commands.start(poses=-1), {}, f"at most {MOST} poses", "-1 asked for"),
+        (commands.start(poses=MOST + 1), {}, f"at most {MOST} poses", f"{MOST + 1} asked for"),
+        (commands.rollback(CRC), {"kin": 0}, "correction fedcba98 in force", "no correction is in force"),
+        (
+            commands.approve_go(CRC),
+            {"state": "ARMED", "proposal_crc": 5},
+            "correction fedcba98 waits",
+            "00000005",
+        ),
+        (commands.reject(CRC), {"state": "ARMED"}, "correction fedcba98 waits", "nothing waits"),
+        (
+            commands.approve_arm(CRC),
+            {"state": "REVIEW", "proposal_crc": signed(CRC), "proposal_verdict": 0},
+            "a good fit, or an override",
+            "verdict not known",
+        ),
+    ],  # fmt: skip
 )
 def test_an_unmet_condition_is_named_with_what_was_found(request_, fields, condition, found):
     first = unmet(request_, heard(**fields), 10.5)[0]
     assert first.condition == condition and found in first.found and first.todo
+
+
+@pytest.mark.parametrize(
+    ("request_", "fields"),
+    [
+        (commands.noop(), {"state": "MOVE"}),
+        (commands.discard(), {"state": "SAFE"}),
+        (commands.start(poses=MOST), {"state": "SAFE"}),
+        (commands.rollback(CRC), {"kin": CRC}),
+        (commands.approve_arm(CRC), {"state": "REVIEW", "proposal_crc": signed(CRC), "proposal_verdict": 1}),
+        (commands.approve_arm(CRC, True), {"state": "REVIEW", "proposal_crc": signed(CRC)}),
+        (commands.approve_go(CRC), {"state": "ARMED", "proposal_crc": signed(CRC)}),
+        (commands.reject(CRC), {"state": "ARMED", "proposal_crc": signed(CRC)}),
+        (commands.validate("kin", 7), {"staged_kind": 4, "staged_state": 2}),
+        (commands.activate("kin", 7), {"staged_kind": 4, "staged_state": 3}),
+    ],
+)
+def test_nothing_speaks_against_what_flight_would_take(request_, fields):
+    assert unmet(request_, heard(**fields), 10.5, key_id=7) == ()
+
+
+@pytest.mark.parametrize(
+    ("request_", "state", "todo"),
+    [
+        (commands.start(), "MOVE", "wait for its end, or `kincal command abort`"),
+        (commands.start(), "REVIEW", "decide first: `kincal review list --live`"),
+        (commands.start(), "ARMED", "decide first: `kincal review go`, or `kincal review reject`"),
+        (commands.start(), "STORE", "wait a second: a change is being stored"),
+        (commands.approve_go(CRC), "REVIEW", "arm first: `kincal review arm`"),
+        (commands.approve_go(CRC), "IDLE", "wait for its end"),
+        (commands.approve_arm(CRC), "ARMED", "decide first: `kincal review go`, or `kincal review reject`"),
+    ],
+)
+def test_what_to_do_in_a_state_that_does_not_take_a_command(request_, state, todo):
+    assert unmet(request_, heard(state=state), 10.5)[0].todo == todo
+
+
+def test_the_second_step_by_the_holder_of_the_first_is_an_unmet_condition():
+    waits = {"state": "ARMED", "proposal_crc": signed(CRC), "go_by_other_key": 1, "armed_key": 7}
+    (found,) = unmet(commands.approve_go(CRC), heard(approval_left_us=60_000_000, **waits), 12.0, key_id=7)
+    assert found.found == "key 7" and "58 s are left" in found.todo and "review go fedcba98" in found.todo
+    for request_, key_id in ((commands.approve_go(CRC), 0), (commands.reject(CRC), 7)):
+        assert unmet(request_, heard(**waits), 12.0, key_id) == ()
+    assert unmet(commands.approve_go(CRC), heard(**waits | {"go_by_other_key": 0}), 12.0, 7) == ()
+    assert unmet(commands.approve_go(CRC), heard(**waits | {"armed_key": 1}), 12.0) == ()  # no key: any
 
 
 def test_a_start_names_a_fault_and_a_silent_arm():
@@ -309,6 +497,112 @@ def test_a_message_that_arrives_late_is_stale_by_its_stamp():
     assert "received 0.0 s ago, but its time stamp is 9.0 s behind flight's clock" in age.why
     s.take("KC_HK", hk(110.2), 20.2, UTC)
     assert s.freshness("KC_HK", 20.3).status == FRESH
+
+
+@pytest.mark.parametrize(
+    ("channel", "stamp_s", "age_s", "why"),
+    [
+        ("KC_HK", 100.0, 3.0, ""),
+        ("KC_HK", 100.0, 3.125, "nothing received for 3.1 s"),
+        ("KC_ARM_STATE", 100.0, 2.0, ""),
+        ("KC_ARM_STATE", 100.0, 2.125, "nothing received for 2.1 s"),
+        ("KC_ARM_STATE", 97.0, 0.0, "its time stamp is 3.0 s behind flight's clock"),
+        ("KC_ARM_STATE", 103.0, 0.5, "its time stamp is 2.5 s ahead of flight's clock"),
+        ("KC_ARM_STATE", 102.5, 0.5, ""),
+        ("KC_PANTILT_STATE", 100.0, 2.125, "nothing received for 2.1 s"),
+        ("KC_ACK", 0.0, 2.5, ""),
+        ("KC_ACK", 0.0, 3.125, "housekeeping is stale"),
+    ],
+)
+def test_when_a_value_is_stale(channel, stamp_s, age_s, why):
+    s = Snapshot()
+    s.take("KC_HK", hk(100.0), 10.0, UTC)
+    if channel != "KC_HK":
+        messages = {"KC_ARM_STATE": arm_state, "KC_PANTILT_STATE": pantilt_state, "KC_ACK": lambda _t: ack(1)}
+        s.take(channel, messages[channel](stamp_s), 10.0, UTC)
+    age = s.freshness(channel, 10.0 + age_s)
+    assert (age.status, age.receive_age_s) == (STALE if why else FRESH, age_s) and why in age.why
+    assert (age.mission_age_s == pytest.approx(100.0 + age_s - stamp_s)) or channel == "KC_ACK"
+    assert s.freshness(channel, 9.0).receive_age_s == 0.0  # not younger than now
+
+
+def test_flights_clock_is_known_by_the_message_with_the_least_delay():
+    s = Snapshot()
+    assert s.mission_now_us(5.0) is None
+    s.take("KC_ARM_STATE", arm_state(999.0), 9.0, UTC)
+    assert s.mission_now_us(5.0) is None  # the arm has a clock of its own
+    s.take("KC_HK", hk(100.0), 10.5, UTC)
+    s.take("KC_EVENT", event(100_750_000, 1, EVENT["CAL_POSE"], 1), 11.0, UTC)
+    s.take("KC_HK", hk(101.0), 12.0, UTC)
+    assert s.mission_now_us(12.0) == 101_750_000
+    s.take("KC_HK", hk(50.0), 13.0, UTC)  # set back
+    assert s.mission_now_us(13.0) == 50_000_000
+
+
+def test_messages_are_counted_and_stamped_for_people():
+    s = heard()
+    s.take("KC_HK", hk(101.0), 11.0, UTC + 0.25)
+    last = s.last("KC_HK")
+    assert (last.channel, last.n, last.boot, last.rx_s) == ("KC_HK", 2, 0, 11.0)
+    assert last.utc == "2027-01-15T08:00:00.250+00:00" and s.heartbeats == 2
+    assert s.last("KC_ARM_STATE").n == 1 and s.last("KC_ACK") is None
+
+
+def test_a_proposal_is_kept_by_its_crc():
+    s, p = Snapshot(), kcm.proposal_t()
+    p.crc = signed(CRC)
+    s.take("KC_PROPOSAL", p, 1.0, UTC)
+    assert s.proposal(CRC) is p and s.proposal(CRC - 1) is None
+
+
+def test_the_last_events_are_kept_but_for_those_of_debugging():
+    s = Snapshot()
+    for seq in range(503):
+        s.take("KC_EVENT", event(1, seq, EVENT["CAL_POSE"], 1), 1.0, UTC)
+    assert [e.seq for e in s.events(2)] == [501, 502] and s.events(0) == ()
+    assert [e.seq for e in s.events(999)] == list(range(3, 503)) and s.lost_events == 0
+    assert len(s.status(1.0, UTC).events) == 8
+
+
+def test_events_before_the_first_and_after_a_restart_are_not_lost():
+    s = heard()
+    numbers = [(7, 3), (8, 3), (10, 3), (10, 3), (3, 4), (5, 4)]
+    for seq, boots in numbers:
+        s.take("KC_HK", hk(100.0 + seq, boots=boots), 11.0, UTC)
+        s.take("KC_EVENT", event(1, seq, EVENT["CAL_POSE"], 1), 11.0, UTC)
+    assert (s.lost_events, s.restarts) == (2, 1)
+    assert s.status(11.0, UTC).boot_count == 4
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "back"),
+    [
+        ((3, 100, 5), (3, 101, 6), False),
+        ((3, 100, 5), (3, 99, 6), True),
+        ((3, 100, 5), (3, 100, 5), False),  # the same one again
+        ((3, 100, 5), (3, 101, 5), True),
+        ((3, 100, 0), (3, 101, 0), False),  # flight of before there were numbers
+        ((3, 100, 1), (3, 101, 1), True),
+        ((3, 100, 5), (3, 101, 4), True),
+        ((3, 100, 5), (4, 10, 1), False),
+        ((3, 100, 5), (2, 200, 6), True),
+    ],
+)
+def test_what_comes_from_before_the_message_before_it_is_doubtful(before, now, back):
+    senders = Senders()
+    for t_s, (boots, t_us, seq) in ((0.0, before), (1.0, now)):
+        m = hk(boots=boots)
+        m.t_us, m.seq = t_us, seq
+        senders.take(m, t_s)
+    assert senders.doubtful(1.0) == back and not senders.several(1.0) and senders.taken == 2
+    assert senders.doubtful(10.875) == back and not senders.doubtful(11.0)
+
+
+def test_two_senders_are_forgotten_after_ten_seconds():
+    senders = Senders()
+    for t_s, boots in ((0.0, 4), (1.0, 3), (2.0, 4), (3.0, 3)):
+        senders.take(hk(boots=boots), t_s)
+    assert senders.several(10.875) and not senders.several(11.0) and senders.doubtful(12.875)
 
 
 def test_a_clock_that_is_set_back_does_not_make_everything_stale():
@@ -442,6 +736,67 @@ def test_prismatic_joints_are_shown_in_millimetres():
     text = {item.key: item.text for item in s.items(1.0)}
     assert text["joints"] == "28.65 deg, 250.00 mm"
     assert text["monitor"] == "joint 2 reads wrong by 4 mm ± 0.5 mm"
+
+
+def test_every_value_is_shown_with_its_unit():
+    s, m, arm, pantilt = Snapshot(), hk(12.25), arm_state(fault=0x14), pantilt_state()
+    m.session, m.n_poses, m.n_poses_goal, m.candidate, m.n_cmd_ok, m.n_cmd_refused = 2, 3, 20, 41, 5, 6
+    m.n_events_dropped, m.n_rx_errors, m.n_tx_errors, m.energy_j = 7, 8, 9, 1234.4
+    m.staged_kind, m.staged_bytes, m.staged_state = kind_number("kin"), 640, 2
+    arm.n_joints, arm.q_rad[:3], arm.moving = 2, [0.5, -0.25, 9.0], 1
+    pantilt.pan_rad, pantilt.tilt_rad = 0.5, -0.25
+    tags, p = kcm.detection_t(), kcm.progress_t()
+    tags.n_tags, tags.tag_id[:3] = 2, [4, 6, 8]
+    p.res_pos_m, p.res_rot_rad, p.pred_pos_m, p.pred_rot_rad = 0.00125, 0.01, 0.0025, 0.02
+    channels = ("KC_HK", "KC_ARM_STATE", "KC_PANTILT_STATE", "KC_DETECTION", "KC_PROGRESS")
+    for channel, message in zip(channels, (m, arm, pantilt, tags, p), strict=True):
+        s.take(channel, message, 10.0, UTC)
+    items = s.items(10.5)
+    assert {item.key: (item.value, item.text) for item in items} == {
+        "state": (STATE["IDLE"], "IDLE"), "mission_time": (12.25, "12.2 s"), "session": (2, "2"),
+        "poses": (3, "3 of 20, local initial poses included"), "candidate": (41, "41"), "boots": (3, "3"),
+        "commands_ok": (5, "5"), "commands_refused": (6, "6"), "events_dropped": (7, "7"),
+        "rx_errors": (8, "8"), "tx_errors": (9, "9"), "energy": (pytest.approx(1234.4), "1234 J"),
+        "monitor": (0, "quiet"), "staged": (m.staged_kind, "kin, 640 bytes, complete"),
+        "joints": ([0.5, -0.25], "28.65 deg, -14.32 deg"), "arm_moving": (True, "moving"),
+        "arm_fault": (0x14, "0x14"), "pantilt": ([0.5, -0.25], "28.65 -14.32 deg"),
+        "pantilt_moving": (False, "at rest"), "tags": (2, "2 (4, 6)"),
+        "residual": (0.00125, "1.25 mm, 0.573 deg"), "predicted": (0.0025, "2.50 mm, 1.146 deg"),
+    }  # fmt: skip
+    assert {item.channel for item in items} == set(channels)
+    assert {item.freshness.receive_age_s for item in items} == {0.5}
+
+
+@pytest.mark.parametrize(
+    ("fields", "key", "text"),
+    [
+        ({"n_poses_goal": 0}, "poses", "0 of 0"),
+        ({"staged_kind": 0}, "staged", "nothing"),
+        ({"staged_kind": 77, "staged_bytes": 2, "staged_state": 1}, "staged", "kind 77, 2 bytes, loading"),
+        ({"staged_kind": CONFIG, "staged_state": 3}, "staged", "config, 0 bytes, valid"),
+        ({"staged_kind": CONFIG, "staged_state": 0}, "staged", "config, 0 bytes, nothing"),
+        ({"staged_kind": CONFIG, "staged_state": 4}, "staged", "config, 0 bytes, ?4"),
+        ({"mon_state": 2}, "monitor", "unexplained error"),
+        (
+            {"mon_state": 1, "mon_joint": 2, "mon_bias": 0.1, "mon_sigma": 0.01},
+            "monitor",
+            "joint 2 reads wrong by 5.73 deg ± 0.57 deg",
+        ),
+        (
+            {"mon_state": 3, "mon_chance": [0.01, 0.009, *[0.0] * 6]},
+            "monitor",
+            "joints read wrong together; probability of each: 1 (1%)",
+        ),
+    ],  # fmt: skip
+)
+def test_values_that_have_several_forms(fields, key, text):
+    assert next(item.text for item in heard(**fields).items(10.1) if item.key == key) == text
+
+
+def test_no_tags_are_shown_as_none():
+    s = Snapshot()
+    s.take("KC_DETECTION", kcm.detection_t(), 1.0, UTC)
+    assert next(item for item in s.items(1.0) if item.key == "tags").text == "0"
 
 
 def test_joints_that_are_off_together_are_shown_with_their_probabilities():

@@ -1,5 +1,6 @@
 """Recordings of the link: whole files, whatever the medium does."""
 
+import math
 import os
 import shutil
 import time
@@ -8,6 +9,7 @@ import lcm
 import pytest
 from samples import event
 
+from kincal.cli.record import record as cli_record
 from kincal.link import read_log
 from kincal.operate import recording
 from kincal.operate.recording import RETRY_S, Recorder
@@ -157,3 +159,184 @@ def test_what_is_no_recording_in_the_folder_hides_none(tmp_path):
     (tmp_path / "224.0.0.1-1-y.lcmlog").symlink_to("/nowhere")
     assert recording.recordings(tmp_path) == r.files
     assert len(recording.recent_events("udpm://224.0.0.1:1", 5, tmp_path)) == 2
+
+
+# ---------------------------------------------------------------------------- figures
+
+SIZE = 28 + len("KC_EVENT") + len(DATA)  # of a message in a file
+
+
+def written(file):
+    return [(e.channel, e.timestamp - UTC) for e in lcm.EventLog(str(file), "r")]
+
+
+@pytest.mark.parametrize(("frame_s", "kept"), [(0.0, [0, 1, 2, 3]), (1.0, [0, 2]), (math.inf, [])])
+def test_frames_of_the_camera_are_thinned_and_nothing_else(tmp_path, frame_s, kept):
+    r = Recorder(tmp_path, frame_s=frame_s)
+    for k in range(4):
+        r.take(recording.FRAMES, b"frame", UTC + k, 0.5 * k)
+        r.take("OTHER", b"", UTC + k, 0.5 * k)
+    r.close()
+    found = written(r.files[0])
+    assert [t for channel, t in found if channel == recording.FRAMES] == kept
+    assert [t for channel, t in found if channel == "OTHER"] == [0, 1, 2, 3]
+
+
+def test_as_it_is_called_every_frame_and_every_file_stays(tmp_path):
+    r = Recorder(tmp_path)
+    assert (r.stem, r.most_files, r.frame_s) == ("link", 0, 0.0)
+    (size,) = (p.default for p in cli_record.params if p.name == "megabytes")
+    assert r.most_bytes == size * 2**20
+
+
+def test_files_are_named_by_their_first_message_and_filled_to_the_last_byte(tmp_path):
+    folder = tmp_path / "a" / "b"
+    r = Recorder(folder, "s", most_bytes=2 * SIZE)
+    fill(r, 5)
+    assert r.state == recording.Recorded(r.files[2], 3, 5, 5 * SIZE, 0, "")
+    r.take("KC_EVENT", DATA, UTC + 1_234_567, 1.0)
+    r.take("KC_EVENT", DATA, UTC + 2_345_678, 1.0)
+    r.close()
+    assert [f.name for f in r.files] == [
+        f"s-20261125T1302{name}.lcmlog" for name in ("22000Z", "22000Z-1", "22000Z-2", "24345Z")
+    ]
+    assert [f.stat().st_size for f in r.files] == [2 * SIZE, 2 * SIZE, 2 * SIZE, SIZE]
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_name_that_a_link_has_is_not_written_through(tmp_path):
+    r = Recorder(tmp_path, "s")
+    (tmp_path / "s-20261125T130222000Z.lcmlog").symlink_to(tmp_path / "elsewhere")
+    fill(r, 1)
+    r.close()
+    assert r.files[0].name.endswith("Z-1.lcmlog") and not (tmp_path / "elsewhere").exists()
+
+
+def test_what_was_recorded_is_on_the_medium_after_a_second(tmp_path, monkeypatch):
+    r, at = Recorder(tmp_path), []
+    monkeypatch.setattr(recording, "_synced", lambda _file: at.append(r.n_messages))
+    for now_s in (1.5, 2.0, 2.5, 2.625, 3.75):
+        r.take("OTHER", b"", UTC, now_s)
+    assert at == [1, 4, 5]
+    r.close()
+    r.close()
+    assert at == [1, 4, 5, 5]
+
+
+def test_a_medium_that_does_not_keep_what_it_took_is_trouble(tmp_path, monkeypatch):
+    r, broken = Recorder(tmp_path), [True]
+
+    def synced(_file):
+        if broken:
+            raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(recording, "_synced", synced)
+    r.take("OTHER", b"", UTC, 10.0)
+    assert (r.n_lost, r.trouble) == (1, f"Input/output error: {tmp_path}")
+    r.take("OTHER", b"", UTC, 14.875)
+    broken.clear()
+    r.take("OTHER", b"", UTC + 9, 15.0)
+    r.close()
+    assert (r.n_lost, r.n_messages, r.trouble) == (2, 2, "")
+    assert written(r.files[-1]) == [("OTHER", 9)]
+
+
+def test_a_medium_that_takes_a_few_bytes_at_a_time_or_none(tmp_path, monkeypatch):
+    class Slow(recording.FileIO):
+        def write(self, data):
+            return super().write(data[:7]) if room else 0
+
+    room = True
+    monkeypatch.setattr(recording, "FileIO", Slow)
+    r = Recorder(tmp_path)
+    fill(r, 2)
+    room = False
+    fill(r, 1, 2)
+    assert r.trouble == f"No space left on device: {tmp_path}"
+    assert written(r.files[0]) == [("KC_EVENT", 0), ("KC_EVENT", 1)]
+
+
+def test_the_newest_recording_comes_first_and_other_links_are_left_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(recording, "FOLDER", tmp_path)
+    for k, name in enumerate(("10.0.0.1-1-b", "10.0.0.1-1-c", "10.0.0.1-1-a", "10.0.0.1-11-a")):
+        file = tmp_path / f"{name}.lcmlog"
+        file.write_bytes(b"")
+        os.utime(file, (1e9, 1e9 + k))
+    found = [f.stem for f in recording.recordings(None, "udpm://10.0.0.1:1?ttl=0")]
+    assert found == ["10.0.0.1-1-a", "10.0.0.1-1-c", "10.0.0.1-1-b"]
+    assert len(recording.recordings()) == 4
+
+
+def test_only_the_newest_recording_is_asked_for_events(tmp_path):
+    url = "udpm://10.0.0.1:1?ttl=0"
+    for k, number in enumerate((1, 2)):
+        r = Recorder(tmp_path, recording.stem_of(url))
+        r.take("KC_EVENT", event(k, 10 + k, number, 1).encode(), UTC + 1_500_000 + k * 10**6, 0.0)
+        r.take("KC_HK", b"no event", UTC, 0.0)
+        r.close()
+        os.utime(r.files[0], (1e9, 1e9 + k))
+    (line,) = recording.recent_events(url, 5, tmp_path)
+    assert (line.seq, line.t_us, line.utc) == (11, 1, "2026-11-25T13:02:24.500+00:00")
+
+
+@pytest.fixture
+def tap(monkeypatch):
+    monkeypatch.setattr(recording, "_QUEUE", 2)
+    tap = recording.Tap("memq://")
+    yield tap
+    tap.close()
+
+
+def test_a_tap_hears_every_channel_and_counts_what_nobody_takes(tap):
+    begun_us = time.time_ns() // 1000
+    tap._lcm.publish("ANY", b"\1\2")
+    channel, data, utc_us = tap.next(5.0)
+    assert (channel, data) == ("ANY", b"\1\2") and 0 <= utc_us - begun_us < 60_000_000
+    assert tap.next(0.001) is None
+    for k in range(5):
+        tap._received("ANY", bytes([k]))
+    assert tap.n_lost == 3 and tap.next(0.0)[1] == b"\0"
+    tap.close()
+    assert not tap._thread.is_alive()
+
+
+class Given:
+    """Messages in place of a network: None where nothing comes; the last ones come while it is closed."""
+
+    n_lost, closed = 4, False
+
+    def __init__(self, now, wanted, late):
+        self.now, self.wanted, self.late = now, wanted, late
+
+    def next(self, timeout_s):
+        rows = self.late if self.closed else self.wanted
+        assert timeout_s == 0.0 or not self.closed
+        self.now[0] += 0.0 if self.closed else 4.0
+        return rows.pop(0) if rows else None
+
+    def close(self):
+        self.closed = True
+
+
+def test_how_a_recording_stands_is_said_at_intervals_and_when_trouble_begins_or_ends(tmp_path, monkeypatch):
+    now, said = [100.0], []
+    message = ("OTHER", b"", UTC)
+    given = Given(now, [message, None, message, message, message, message], [message, message])
+    monkeypatch.setattr(recording, "Tap", lambda _url: given)
+    monkeypatch.setattr(recording.time, "monotonic", lambda: now[0])
+    r = Recorder(tmp_path)
+    whole = r._write
+
+    def write(record):
+        if now[0] == 116.0:
+            raise OSError(28, "No space left on device")
+        whole(record)
+
+    monkeypatch.setattr(r, "_write", write)
+    end = recording.record(
+        "url", r, lambda: not given.wanted, lambda s: said.append((now[0], bool(s.trouble)))
+    )
+    # the first at once, then after ten seconds, at the trouble, at its end
+    assert said == [(104.0, False), (116.0, True), (124.0, False)]
+    assert (end.n_messages, end.n_lost, end.file) == (5, 2 + 4, r.files[-1])
+    assert r._file is None and given.closed

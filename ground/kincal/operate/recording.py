@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 FOLDER = Path("~/.kincal/recordings")
 SUFFIX = ".lcmlog"
 FRAMES = "KC_IMAGE"
-FRAME_S = 1.0
-"""As shipped: as many as a console shows."""
 MOST_BYTES = 256 * 2**20
 """Of a file, as shipped."""
 RETRY_S = 5.0  # before a full medium is tried again
@@ -163,7 +161,7 @@ class Recorder:
         while written < len(record):
             n = file.write(record[written:])
             if not n:
-                raise OSError(28, "No space left on device")
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             written += n
         self._size += len(record)
 

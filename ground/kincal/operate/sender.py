@@ -16,7 +16,6 @@ from .snapshot import Snapshot
 
 _POLL_S = 0.2
 _ASKING = 1  # counter of a question: those of commands begin at the clock
-FIRST_HK_S = 2.5
 
 
 def _silent(_step: Step) -> None:
