@@ -27,11 +27,12 @@ from kincal.flight.tables import decode_as, encode, kind_number
 from kincal.link import names
 from kincal.review.decisions import Operator
 from kincal_shared import installation, keys
-from kincal_shared.errors import BadInput, NoAnswer
+from kincal_shared.errors import BadInput, CommandFailed, NoAnswer
 
 STATE = library("flight").enum("kc_state_t", "KC_ST_")
 TABLES = installation.root() / "tables" / "bin"
 EVENT = library("flight").enum("kc_event_id_t", "KC_EVT_")
+POOR = kcm.proposal_t.POOR
 ACQUISITION, CONFIG = library("flight").enum("kc_acq_t", "KC_ACQ_"), kind_number("config")
 
 
@@ -394,12 +395,12 @@ def online(monkeypatch):
     """Runs `kincal command ...` against this flight; None: as it is on the command line."""
     flight = OnLine().also_heard()
 
-    def link(url, channels, signer=None):
+    def link(url, channels=("KC_HK",), signer=None):
         assert url == "somewhere" and "KC_HK" in channels
         flight.signer = signer
         return flight
 
-    monkeypatch.setattr("kincal.cli.command.links.Link", link)
+    monkeypatch.setattr("kincal.link.Link", link)
     flight.run = lambda *args: kincal("command", *args, "--url", "somewhere")
     return flight
 
@@ -530,6 +531,158 @@ def test_a_rollback_without_its_correction_is_a_preview(online, tmp_path):
 )
 def test_decisions_and_dumps_are_the_same_commands_as_in_their_own_groups(name, group, own):
     assert command_cli.commands[name] is group.commands[own]
+
+
+@pytest.mark.parametrize(
+    ("args", "state", "verdict", "armed_by", "status"),
+    [
+        (("arm",), "REVIEW", 1, 0, 0),
+        (("arm",), "REVIEW", POOR, 0, 1),
+        (("arm", "--override", "sample at risk"), "REVIEW", POOR, 0, 0),
+        (("arm",), "IDLE", 1, 0, 1),
+        (("go",), "ARMED", 1, "me", 1),
+        (("go",), "ARMED", 1, "B", 0),
+        (("go",), "REVIEW", 1, 0, 1),
+        (("reject",), "ARMED", POOR, "me", 0),
+        (("reject",), "IDLE", 1, 0, 1),
+    ],
+)
+def test_a_dry_run_of_a_decision_names_what_flight_would_refuse(
+    online, key_file, args, state, verdict, armed_by, status
+):
+    online.waits(CRC, verdict, STATE[state])
+    mine = keys.signer_of(key_file).key.id
+    online.hk.armed_key = {"me": mine, "B": mine + keys.HOLDER_NUMBERS}.get(armed_by, 0)
+    online.hk.go_by_other_key = bool(armed_by)
+    run = online.run(args[0], f"{CRC:08x}", *args[1:], "--by", "A", "--why", "w", "--dry-run")
+    assert run.exit_code == status and not online.commands, run.output
+    assert online.now_s == 0.75  # when housekeeping was heard
+
+
+@pytest.mark.parametrize(("given", "waited_s"), [((), 3.0), (("--timeout", 1), 1.0), (("--timeout", 9), 3.0)])
+def test_a_dry_run_of_a_decision_does_not_wait_for_ever(online, given, waited_s):
+    online.quiet = True
+    run = online.run("reject", f"{CRC:08x}", "--by", "A", "--why", "w", "--dry-run", *given)
+    assert run.exit_code == 1 and online.now_s == pytest.approx(waited_s)
+
+
+@pytest.mark.parametrize(
+    ("given", "states", "until_s", "said"),
+    [
+        ((), ["MOVE", "AIM", "REVIEW"], 0.75, "a correction waits for people"),
+        ((), ["MOVE", "SAFE"], 0.5, "the calibration has ended"),
+        (("--seconds", 1), ["MOVE"], 1.0, "nothing has ended"),
+        (("--seconds", 0.25), ["REVIEW"], 0.25, "a correction waits for people"),
+        (("--forever", "--seconds", 2), ["MOVE", "SAFE"], 2.0, "the calibration has ended"),
+    ],
+)
+def test_a_calibration_is_watched_until_people_have_to_act(online, given, states, until_s, said):
+    online.waiting.clear()
+    real = online.next
+
+    def changing(timeout_s):
+        online.hk.state = STATE[states.pop(0) if len(states) > 1 else states[0]]
+        return real(timeout_s)
+
+    online.next = changing
+    run = kincal("review", "watch", "--live", "--url", "somewhere", *given)
+    assert run.exit_code == 0 and run.output.splitlines()[-1] == said, run.output
+    assert online.now_s == until_s
+
+
+# ---------------------------------------------------------------------------- what is written of a command
+
+
+def test_what_flight_took_without_its_effect_is_written_as_taken_with_what_is_missing(journal, key_file):
+    flight = Lander(keys.signer_of(key_file))
+    flight.publish = lambda channel, message: DirectFlight.publish(flight, channel, message)
+    done, _, _ = act(flight, operate.rollback(CRC), journal, 1.0)
+    assert done.outcome == operate.ACCEPTED
+    assert lines(journal, key_file)[-1] == ("rollback", "ROLLBACK", done.last_line)
+
+
+@pytest.mark.parametrize(
+    ("error", "why"), [(KeyboardInterrupt(), "interrupted"), (CommandFailed("cut", "url", "wait"), "cut")]
+)
+def test_a_program_that_ends_while_it_waits_leaves_a_trace(journal, key_file, error, why):
+    flight = Lander(keys.signer_of(key_file))
+
+    def fails(_timeout_s):
+        if flight.commands:
+            raise error
+        return type(flight).next(flight, 0.2)
+
+    flight.next = fails
+    with pytest.raises(type(error)):
+        act(flight, operate.start(), journal)
+    assert lines(journal, key_file)[-1] == ("unanswered", "START", why)
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (KeyboardInterrupt(), ("unanswered", "TABLE_ACTIVATE", "interrupted")),
+        (NoAnswer("silent", "url", "wait"), ("unanswered", "TABLE_ACTIVATE", "silent")),
+        (CommandFailed("no", "url", "wait"), ("refused", "TABLE_ACTIVATE", "no")),
+    ],
+)
+def test_an_uplink_that_ends_early_is_written_as_what_is_known(journal, key_file, error, line):
+    flight, who = Lander(keys.signer_of(key_file)), Operator("A", "new plan", journal, 2.0)
+    flight.publish = lambda *_: (_ for _ in ()).throw(error)
+    image, _ = decode_as("config", (TABLES / "config.tbl").read_bytes(), "")
+    with pytest.raises(type(error)):
+        operate.uplink(flight, image, who, 5.0)
+    assert lines(journal, key_file)[-1] == line
+
+
+def test_a_read_back_of_the_proposal_names_what_waits(journal, key_file):
+    flight, who = Lander(keys.signer_of(key_file)).waits(CRC), Operator("A", "look", journal, 2.0)
+    image = kin_image([0.01])
+    flight.holds = {library("flight").constant("KC_STORE_PROPOSAL"): image.data}
+    assert operate.read_back(flight, "proposal", who, 5.0).data == image.data
+    entry = review.check_journal(journal)[-1]
+    assert (entry.decision, entry.crc, entry.kind) == ("table_dump", f"{CRC:08x}", "proposed KIN")
+
+
+@pytest.mark.parametrize(("quiet", "sent_s"), [(False, 0.75), (True, 1.2)])
+def test_other_flights_are_listened_for_before_anything_is_sent(journal, key_file, quiet, sent_s):
+    flight, at = OnLine(keys.signer_of(key_file)), []
+    flight.quiet = quiet
+    flight.publish = lambda *_: at.append(flight.now_s)
+    who = Operator("A", "x", journal, 1.0)
+    operate.act(flight, operate.start(), who, operate.Snapshot(), lambda _step: None)
+    assert at == [pytest.approx(sent_s)]
+
+
+@pytest.mark.parametrize(
+    ("refused", "silent", "error", "taken"),
+    [(True, False, CommandFailed, 0), (False, True, NoAnswer, 0), (False, False, None, 1)],
+)
+def test_a_decision_is_sent_with_its_verifiers(key_file, refused, silent, error, taken):
+    flight, steps, took = Lander(keys.signer_of(key_file)).waits(CRC), [], []
+    if refused:
+        flight.refuse[kcm.cmd_t.REJECT] = (-8, EVENT["CMD_STATE"])
+    if silent:
+        flight.publish = lambda *_: None
+    send = operate.verified(operate.Snapshot(), lambda step: steps.append(step.stage))
+    given = (flight, "REJECT", (CRC,), 2.0, lambda: took.append(len(steps)))
+    if error is None:
+        send(*given)
+        assert steps == ["sent", "received", "accepted", "done"] and took == [3]
+    else:
+        with pytest.raises(CommandFailed) as caught:
+            send(*given)
+        assert type(caught.value) is error and "REJECT fedcba98" in caught.value.what
+    assert len(took) == taken
+
+
+def test_a_question_about_a_correction_stands_in_the_journal(journal, key_file):
+    signer = keys.signer_of(key_file)
+    operate.comment("run.lcmlog", "question", CRC, Operator("B", "why now?", journal), signer)
+    (entry,) = review.check_journal(journal)
+    assert (entry.decision, entry.crc, entry.by, entry.url) == ("question", f"{CRC:08x}", "B", "run.lcmlog")
+    with pytest.raises(BadInput, match="needs a name and a reason"):
+        operate.comment("run.lcmlog", "question", CRC, Operator("B", " ", journal), signer)
 
 
 # ---------------------------------------------------------------------------- coefficients of joints
