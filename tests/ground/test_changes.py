@@ -245,3 +245,75 @@ def test_page_text_and_json_say_the_same(flown):
     data = json.loads(json.dumps(found.as_dict()))
     assert data["headline"] == found.headline
     assert data["rows"][0]["delta_text"] == found.rows[0].delta_text
+
+
+# ---------------------------------------------------------------------------- in words and figures
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "options", "text"),
+    [
+        (math.radians(1.5), "rad", {}, "1.500 deg"),
+        (math.radians(9.94), "rad", {"short": True}, "9.9 deg"),
+        (math.radians(-10.0), "rad", {"short": True}, "-10 deg"),
+        (math.radians(12.6), "rad", {"short": True, "sign": True}, "+13 deg"),
+        (0.01, "m", {"short": True}, "10 mm"),
+        (0.00994, "m", {"short": True}, "9.94 mm"),
+        (-0.0126, "m", {"short": True, "sign": True}, "-13 mm"),
+        (0.0126, "m", {"sign": True}, "+12.60 mm"),
+        (0.00012345, "1/N", {}, "0.0001234 1/N"),
+        (0.5, "", {"sign": True}, "+0.5"),
+    ],
+)
+def test_an_amount_is_in_degrees_or_millimetres(value, unit, options, text):
+    assert amount(value, unit, **options) == text
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "big", "sentence"),
+    [
+        ("J2.phi_rad", 0.0, changes.BIG_RAD, True, "joint 2 is 3.0 deg off"),
+        ("J2.alpha_rad", 0.01, 0.0, False, "link 2 is twisted by 0.6 deg"),
+        ("J2.a_m", 0.05, 0.025, True, "link 2 is 25 mm off in length"),
+        ("J2.d_m", 0.0, -0.0249, False, "link 2 is 25 mm off along its joint axis"),
+        ("J2.d_m", None, 0.03, True, "link 2 is 30 mm off along its joint axis"),
+        ("J2.x_m", 0.0, 0.001, False, "J2.x_m changes by 1.00 mm"),
+        ("base.tx_m", 0.0, 0.001, False, "base.tx_m changes by 1.00 mm"),
+        ("encoder_gain[2]", 0.0, 9.0, False, "encoder_gain[2] changes by 9 rad/rad"),
+    ],
+)
+def test_what_a_change_means_for_the_arm(name, old, new, big, sentence):
+    found = changes._change(name, old, new, 0.0, 0.0, "")
+    assert (found.big, found.sentence) == (big, sentence)
+    assert found.joint == (2 if name.startswith("J2.") else 0)
+    assert found.delta == new - (old or 0.0) and found.share_text == "-"
+
+
+def test_a_headline_names_four_of_the_large_changes_the_largest_first():
+    names = [f"J{j}.a_m" for j in range(1, 7)] + ["encoder_gain[1]"]
+    before, after = KinValues(1, (0.0,) * 7), [0.03, 0.04, 0.05, 0.06, 0.07, 0.001, 0.5]
+    found = of_values(after, [0.0] * 7, before, names, None)
+    assert [r.name for r in found.rows] == [names[i] for i in (4, 3, 2, 1, 0, 5, 6)]
+    assert len(found.big) == 5 and found.headline.startswith("Link 5 is 70 mm off in length, link 4 is 60 mm")
+    assert found.headline.endswith("link 2 is 40 mm off in length, and 1 more")
+    four = of_values(after[:4], [0.0] * 4, before, names, None)
+    assert four.headline.endswith("link 1 is 30 mm off in length")
+
+
+def test_a_table_of_fewer_coefficients_has_zero_for_the_others():
+    assert changes.padded((1.0, 2.0), 3).tolist() == [1.0, 2.0, 0.0]
+    assert changes.padded((1.0, 2.0), 1).tolist() == [1.0]
+    r = review.from_message(proposal(), review.coef_names(BIN))
+    found = of_review(r, KinValues(1, (0.5,)), None)
+    assert [row(found, n).old for n in ("J1.phi_rad", "J1.alpha_rad")] == [0.5, 0.0]
+    back = of_rollback(KinValues(2, (0.1,)), KinValues(1, (0.0, 0.2)), ["a"], None)
+    assert {(r.name, r.old, r.new) for r in back.rows} == {("a", 0.1, 0.0), ("coef[1]", 0.0, 0.2)}
+
+
+def test_coefficients_that_correlate_by_95_per_cent_are_named():
+    r = review.from_message(proposal(), review.coef_names(BIN))
+    tight = np.eye(len(r.correlation))
+    tight[0, 1] = tight[1, 0] = 0.95
+    tight[2, 3] = tight[3, 2] = 0.9499
+    found = of_review(replace(r, correlation=tight), None, None).correlations
+    assert found == (("J1.phi_rad", "J1.alpha_rad", 0.95),)

@@ -11,7 +11,7 @@ from direct_flight import DirectFlight
 from fake_flight import FakeFlight
 from rich.console import Console
 from rich.markup import escape
-from samples import CRC, decided, event, proposal, signed
+from samples import CRC, decided, event, proposal, signed, write_log
 from test_changes import in_force, kin_image
 
 import kcm
@@ -501,7 +501,7 @@ def test_a_dry_run_without_a_key_or_housekeeping_says_so(online, tmp_path):
     assert not online.commands
 
 
-def test_a_rollback_without_its_correction_is_a_preview(online, tmp_path):
+def test_a_rollback_without_its_correction_is_a_preview(online, tmp_path, monkeypatch):
     """Back from a correction to the nominal table, both in files."""
     now, before = kin_image([0.01]), kin_image([0.0])
     (tmp_path / "now.tbl").write_bytes(now.data)
@@ -517,7 +517,11 @@ def test_a_rollback_without_its_correction_is_a_preview(online, tmp_path):
     assert (row["old"], row["new"], found["command"]) == (0.01, 0.0, "ROLLBACK") and not online.commands
     run = online.run("rollback", "--json")
     assert isinstance(json.loads(run.output)["rollback"], str)
-    assert "no preview: " in online.run("rollback").output
+    monkeypatch.setattr("kincal.operate.recording.FOLDER", tmp_path)
+    for k in range(6):
+        (tmp_path / f"{k}.lcmlog").write_bytes(b"")
+    said = online.run("rollback").output
+    assert "no preview: " in said and said.count(".lcmlog") == 5  # the newest
 
 
 @pytest.mark.parametrize(
@@ -588,6 +592,37 @@ def test_a_calibration_is_watched_until_people_have_to_act(online, given, states
     run = kincal("review", "watch", "--live", "--url", "somewhere", *given)
     assert run.exit_code == 0 and run.output.splitlines()[-1] == said, run.output
     assert online.now_s == until_s
+
+
+def test_what_waits_is_shown_from_its_recording_to_who_is_named(online, journal, key_file, tmp_path):
+    show = ("review", "show", "--live", "--url", "somewhere", "--journal", journal, "--recordings", tmp_path)
+    run = kincal(*show)
+    assert run.exit_code == 1 and "no correction waits on board" in run.output
+    online.waits(CRC)
+    write_log(tmp_path / "a.lcmlog", waiting=proposal())
+    run = kincal(*show, "--json", "--by", "A. Reviewer")
+    assert run.exit_code == 0, run.output
+    assert lines(journal, key_file)[0][:2] == ("seen", "") and not online.commands
+    assert json.JSONDecoder().raw_decode(run.output[run.output.index("{") :])[0]["crc"] == f"{CRC:08x}"
+
+
+@pytest.mark.parametrize("as_json", [(), ("--json",)])
+def test_what_waits_and_was_not_recorded_is_asked_of_flight(online, journal, tmp_path, as_json, monkeypatch):
+    monkeypatch.setenv("USER", "somebody")
+    image = kin_image([0.01])
+    online.waits(image.crc)
+    online.hk.table_crc = list(map(signed, in_force(1)))
+    online.holds = {library("flight").constant("KC_STORE_PROPOSAL"): image.data}
+    show = ("review", "show", "--live", "--url", "somewhere", "--journal", journal, "--recordings", tmp_path)
+    run = kincal(*show, *as_json)
+    assert (
+        run.exit_code == 1 and f"the proposal of correction {image.crc_text} was not recorded" in run.output
+    )
+    assert ('"recorded": false' in run.output) == bool(as_json)
+    entries = review.check_journal(journal)
+    assert {e.by for e in entries} == {"somebody"} and entries[1].decision == "table_dump"
+    kincal(*show, "--by", "A. Reviewer")
+    assert review.check_journal(journal)[-1].by == "A. Reviewer"
 
 
 # ---------------------------------------------------------------------------- what is written of a command

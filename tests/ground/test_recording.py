@@ -321,7 +321,7 @@ class Given:
 def test_how_a_recording_stands_is_said_at_intervals_and_when_trouble_begins_or_ends(tmp_path, monkeypatch):
     now, said = [100.0], []
     message = ("OTHER", b"", UTC)
-    given = Given(now, [message, None, message, message, message, message], [message, message])
+    given = Given(now, [message, None, *[message] * 7], [message, message])
     monkeypatch.setattr(recording, "Tap", lambda _url: given)
     monkeypatch.setattr(recording.time, "monotonic", lambda: now[0])
     r = Recorder(tmp_path)
@@ -336,7 +336,7 @@ def test_how_a_recording_stands_is_said_at_intervals_and_when_trouble_begins_or_
     end = recording.record(
         "url", r, lambda: not given.wanted, lambda s: said.append((now[0], bool(s.trouble)))
     )
-    # the first at once, then after ten seconds, at the trouble, at its end
-    assert said == [(104.0, False), (116.0, True), (124.0, False)]
-    assert (end.n_messages, end.n_lost, end.file) == (5, 2 + 4, r.files[-1])
+    # at once, at the trouble, at its end, then every ten seconds
+    assert said == [(104.0, False), (116.0, True), (124.0, False), (136.0, False)]
+    assert (end.n_messages, end.n_lost, end.file) == (8, 2 + 4, r.files[-1])
     assert r._file is None and given.closed

@@ -9,16 +9,18 @@ from click.testing import CliRunner
 from samples import CRC as CRC_OF_LOG
 from samples import proposal, sealed, signed, write_log
 
+import kcm
 from kincal import review
 from kincal.api import reviews
 from kincal.cli import main
 from kincal.flight.tables import decode_as
 from kincal.link import LogEvent, LogSummary, Session
+from kincal.link.eventfile import event_bytes
 from kincal.review import changes, history, journal
 from kincal.review.changes import KinValues
 from kincal.review.status import status
 from kincal_shared import keys
-from kincal_shared.errors import BadInput
+from kincal_shared.errors import BadInput, CommandFailed
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 CRC, OTHER = "0000000a", "0000000b"
@@ -361,3 +363,65 @@ def test_a_correction_is_in_the_newest_recording_that_proposes_it(tmp_path):
 def test_review_show_needs_a_log_or_the_link(tmp_path):
     done = CliRunner().invoke(main, ["review", "show", "--keys", str(tmp_path / "keys")])
     assert done.exit_code == 2 and "name one, or --live" in done.output
+
+
+# ------------------------------------------------------------------------------- what is refused, and why
+
+
+def test_words_of_the_journal_have_a_length():
+    review.check_words("A" * 200, "w" * 20_000)
+    for long in (("A" * 201, "w"), ("A", "w" * 20_001)):
+        with pytest.raises(BadInput, match="up to 200 characters, a reason up to 20000"):
+            review.check_words(*long)
+
+
+def test_a_folder_without_a_table_or_with_another_one_in_its_place_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="no arm table"):
+        changes.Flown(tmp_path)
+    (tmp_path / "arm.tbl").write_bytes((BIN / "terms.tbl").read_bytes())
+    with pytest.raises(BadInput, match=r"this is a TERMS table, a arm table|this is a terms table"):
+        changes.Flown(tmp_path)
+    assert changes.flown(tmp_path) is None and changes.flown(BIN).folder == BIN
+
+
+def test_a_damaged_message_of_a_recording_hides_none_and_another_error_is_said(tmp_path, monkeypatch):
+    hk = kcm.hk_t()
+    hk.table_crc[4] = 0xA
+    file = tmp_path / "a.lcmlog"
+    rows = [("KC_HK", b"damaged"), ("KC_EVENT", b"x"), ("OTHER", b"y"), ("KC_HK", hk.encode())]
+    file.write_bytes(b"".join(event_bytes(k, 10**6 * (k + 1), c, d) for k, (c, d) in enumerate(rows)))
+    found = history.go_on(history.History(), file)
+    assert [(x.kind, x.crc, x.utc_s) for x in found.in_force] == [("KIN", "0000000a", 4.0)]
+    assert (found.end, found.until_s) == (file.stat().st_size, 4.0)
+
+    def newer(_channel, _data):
+        raise BadInput("of a newer flight")
+
+    monkeypatch.setattr(history.channels, "decode", newer)
+    with pytest.raises(BadInput, match="of a newer flight"):
+        history.go_on(history.History(), file)
+
+
+def test_what_is_no_file_or_cannot_be_read_is_no_journal(tmp_path, monkeypatch):
+    with pytest.raises(BadInput, match="no regular file"):
+        journal.read(tmp_path)
+
+    def broken(*_given):
+        raise OSError(5, "Input/output error")
+
+    file = tmp_path / "j"
+    file.write_bytes(b"")
+    monkeypatch.setattr(journal, "lock", broken)
+    with pytest.raises(BadInput, match="cannot be read: Input/output error"):
+        journal.read(file)
+
+
+def test_clearance_that_is_not_known_is_an_error_only_where_its_description_was_named(tmp_path):
+    def fails():
+        raise CommandFailed("no simulator", "", "install it")
+
+    found, why = reviews.known_or_why(fails, None)
+    assert found is None and "no simulator" in why
+    with pytest.raises(CommandFailed, match="no simulator"):
+        reviews.known_or_why(fails, tmp_path)
+    assert reviews.known_or_why(lambda: 7, tmp_path) == (7, "")
