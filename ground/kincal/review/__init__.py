@@ -77,8 +77,8 @@ class Review:
     crc_before: int
     ended: str  # why the calibration stopped measuring; "" if flight did not say
     tested_early: bool  # its end says that the table in force may have been tested twice
-    crc_arm: int = 0  # tables that it was made with; 0: not known
-    crc_terms: int = 0
+    crc_arm: int  # tables that it was made with; 0: not known
+    crc_terms: int
     against: tuple[str, ...] = ()  # reasons to reject it that its numbers do not show: clearance
 
     @property

@@ -322,9 +322,8 @@ def of_values(
             value,
             sigma,
             flown.bound(i, value) if flown else 0.0,
-            _source(
-                "estimated" if sigma > 0.0 else "not estimated", sigma, flown.prior_sigma(i) if flown else 0.0
-            ),
+            # the words are for those without sigma
+            _source("not estimated", sigma, flown.prior_sigma(i) if flown else 0.0),
         )
         for i, (value, sigma) in enumerate(zip(values, sigmas, strict=True))
     ]
@@ -334,7 +333,7 @@ def of_values(
 
 def of_rollback(now: KinValues, previous: KinValues, names: Sequence[str], flown: Flown | None) -> Changes:
     """What a rollback changes back: from the table in force to the one before it."""
-    n = max(len(now.values), len(previous.values), 0)
+    n = max(len(now.values), len(previous.values))
     both = [padded(values.values, n) for values in (now, previous)]
     rows = [
         _change(

@@ -45,10 +45,10 @@ class OnBoard:
     verdict: str
     armed: bool
     left_s: float
-    state: str = ""
-    armed_key: int = 0
-    two_holders: bool = False
-    table_crc: tuple[int, ...] = ()
+    state: str
+    armed_key: int
+    two_holders: bool
+    table_crc: tuple[int, ...]
 
     @property
     def other_than(self) -> str:
