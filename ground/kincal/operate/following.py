@@ -69,7 +69,7 @@ class Follower:
         self._ran = self._ran or calibrating(state)
         if state == was:
             return []
-        waits = self.snapshot.status(now_s, 0.0, 0).waits_for
+        waits = self.snapshot.waits_for(now_s)
         if state in ("REVIEW", "ARMED"):
             self.ended = "a correction waits for people"
         elif self._ran and state in ("IDLE", "SAFE"):

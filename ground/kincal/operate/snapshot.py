@@ -332,7 +332,7 @@ class Snapshot:
             self.state,
             self.freshness("KC_HK", now_s),
             bool(self.state) and self.state not in _CALIBRATING_NOT,
-            self._waits_for(now_s),
+            self.waits_for(now_s),
             self.waiting(now_s),
             self.tables(),
             self.items(now_s),
@@ -353,7 +353,8 @@ class Snapshot:
             out.append(Item(key, label, text, value, unit, channel, ages[channel]))
         return tuple(out)
 
-    def _waits_for(self, now_s: float) -> str:
+    def waits_for(self, now_s: float) -> str:
+        """Who has to act, a sentence."""
         age, state, waits = self.freshness("KC_HK", now_s), self.state, self.waiting(now_s)
         if age.status == UNKNOWN:
             return "not known: no housekeeping received; is flight running on this URL?"
