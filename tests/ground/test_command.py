@@ -459,6 +459,11 @@ def test_an_abort_goes_out_without_a_key_and_without_housekeeping(online, tmp_pa
     assert not online.commands[0].key_id and online.commands[1].key_id
 
 
+def test_a_command_that_cannot_be_signed_is_not_sent(online, tmp_path):
+    run = online.run("discard", "--keys", tmp_path / "none")
+    assert run.exit_code == 2 and "no keys" in run.output and not online.commands, run.output
+
+
 def test_what_is_done_and_what_is_not_is_the_exit_status(online):
     online.publish, taken = lambda _channel, _message: None, online.publish
     run = online.run("rollback", f"{CRC:08x}", "--timeout", 1, "--json")
