@@ -316,6 +316,18 @@ def test_a_journal_of_before_lines_had_macs_is_read_and_goes_on(tmp_path, file):
     assert found.unconfirmed == 0 and [e.unconfirmed for e in found.entries] == [0, 1, 0]
 
 
+def test_power_that_is_lost_before_the_mark_is_no_damage_after_lines_without_macs(tmp_path, file):
+    path = tmp_path / "old.jsonl"
+    first = json.dumps(OLD, sort_keys=True)
+    second = json.dumps(OLD | {"previous": journals._hash(first.encode())}, sort_keys=True)
+    path.write_text(f"{first}\n{second}\n")
+    decide(path, file, CRC, "third")
+    before = journals.end_file(path).read_bytes()
+    decide(path, file, CRC, "fourth")
+    journals.end_file(path).write_bytes(before)
+    assert len(read(path, file).entries) == 4
+
+
 def test_without_keys_the_chain_is_checked_and_that_is_said(journal, tmp_path):
     run = verify(journal, tmp_path / "nowhere")
     assert run.exit_code == EXIT_FAILED and "there is no key file" in run.output
