@@ -1,9 +1,11 @@
 """Approval by two persons, each with a key of his own: key files, journal, commands, consoles."""
 
 import json
+import math
 from contextlib import closing
 
 import lcm
+import numpy as np
 import pytest
 from commands import shell as cli
 from waiting_flight import WaitingFlight
@@ -17,7 +19,10 @@ from kincal.console.geometry import Geometry
 from kincal.console.picture import Picture
 from kincal.console.sources import Live
 from kincal.flight import library
-from kincal.review import decisions, find, journal
+from kincal.link import read_log
+from kincal.review import changes, decisions, find, journal
+from kincal.review.residuals import residuals
+from kincal.run.inprocess import TABLES
 from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed
 
@@ -150,6 +155,30 @@ def test_a_key_of_before_its_rotation_writes_no_line_any_more(tmp_path):
     with pytest.raises(BadInput, match="of an older key than before it"):
         journal.read(path, keys.read(first))
     assert path.read_bytes().startswith(before)
+
+
+# ---- what both of them see
+
+
+def test_what_is_left_at_each_pose_is_in_sum_what_flight_says(made):
+    """RMS of all observations: with the table in force, here the nominal one, and with what is proposed."""
+    flown, session = changes.Flown(TABLES), read_log(made.log).sessions[1]
+    p, measured = session.proposal, session.measurements
+    extra = next(k for k, m in enumerate(measured) if m.taken_at)
+    found = residuals(made.log, 1, [0.0], list(p.value), flown, (3,), (measured[extra].observation,))
+    columns = np.array([(r.before_pos_m, r.before_rot_rad, r.after_pos_m, r.after_rot_rad) for r in found])
+    said = [p.before_pos_m, p.before_rot_rad, p.fit_pos_m, p.fit_rot_rad]
+    assert np.sqrt(np.mean(columns**2, axis=0)) == pytest.approx(said, rel=1e-9)
+    assert [(r.pose, r.candidate, r.frames) for r in found] == [
+        (m.pose, m.candidate, m.n_frames) for m in measured
+    ]
+    assert [r.tags for r in found] == [tuple(m.tag_id[: m.n_tags]) for m in measured]
+    assert [r.pose for r in found if r.rejected and not r.extra] == [3]
+    assert [k for k, r in enumerate(found) if r.rejected and r.extra] == [extra]
+    alone = residuals(made.log, 1, None, list(p.value), flown)
+    assert all(math.isnan(r.before_pos_m + r.before_rot_rad) and not r.rejected for r in alone)
+    assert [r.after_pos_m for r in alone] == [r.after_pos_m for r in found]
+    assert residuals(made.log, 2, None, list(p.value), flown) == ()
 
 
 # ---- the command line
