@@ -676,7 +676,7 @@ def test_an_uplink_that_ends_early_is_written_as_what_is_known(journal, key_file
 
 
 def test_a_read_back_of_the_proposal_names_what_waits(journal, key_file):
-    flight, who = Lander(keys.signer_of(key_file)).waits(CRC), Operator("A", "look", journal, 2.0)
+    flight, who = Lander(keys.signer_of(key_file)).waits(CRC), Operator("A", "to see", journal, 2.0)
     image = kin_image([0.01])
     flight.holds = {library("flight").constant("KC_STORE_PROPOSAL"): image.data}
     assert operate.read_back(flight, "proposal", who, 5.0).data == image.data
@@ -838,7 +838,7 @@ def test_another_flight_that_is_heard_while_a_command_is_followed_leaves_it_open
 # ---------------------------------------------------------------------------- following
 
 
-def test_following_ends_when_it_is_told_to_and_gives_what_came():
+def test_following_ends_where_its_caller_stops_and_yields_what_came():
     flight = Lander()
     flight.hk.state = STATE["MOVE"]
     p = kcm.progress_t()

@@ -8,7 +8,7 @@ import pytest
 from samples import CRC, event, signed
 
 import kcm
-from kincal.flight import event_name, library
+from kincal.flight import event_action, event_name, library, status_name
 from kincal.flight.events import event_cause, event_todo
 from kincal.flight.tables import kind_number
 from kincal.link import names
@@ -123,6 +123,10 @@ def test_a_refusal_says_why_and_what_to_do_and_ends_it():
     ]
     assert c.outcome == REFUSED
     assert "CMD_STATE: command START refused in state MOVE. Nothing was changed on board." in c.last_line
+    assert c.stage == REFUSED and c.last_line.endswith(f"board. {event_action(EVENT['CMD_STATE'])}")
+    bare = tracked(commands.start(), "MOVE")
+    after(bare, ("KC_ACK", ack(1, -8)))  # no event says why
+    assert bare.last_line == f"START refused: {status_name(-8)}. Nothing was changed on board."
 
 
 def test_a_refusal_waits_a_moment_for_the_event_that_explains_it():
@@ -808,7 +812,9 @@ def test_joints_that_are_off_together_are_shown_with_their_probabilities():
 
 
 def test_start_from_the_suspects_is_the_fourth_argument():
-    assert commands.start().arg_i == (-1, 0, 1)
+    plain = commands.start()
+    assert (plain.arg_i, plain.arg_u64) == ((-1, 0, 1), 0)  # as CONFIG says
+    assert commands.approve_arm(CRC).arg_i == (CRC,)
     assert commands.start(4, 20, 7, 0x3, suspects=True).arg_i == (4, 20, 7, 1)
 
 

@@ -228,7 +228,7 @@ class Snapshot:
         self.lost_events = self._gaps + hk.n_events_dropped
 
     def _event(self, e: Event, utc_s: float) -> None:
-        if self._event_seq is not None and e.seq > self._event_seq + 1:
+        if self._event_seq is not None and e.seq > self._event_seq:
             self._gaps += e.seq - self._event_seq - 1
             self.lost_events += e.seq - self._event_seq - 1
         self._event_seq = e.seq
