@@ -218,6 +218,14 @@ def test_housekeeping_of_another_flight_does_not_say_done(request_, other):
     assert "two senders of housekeeping" in c.last_line and "End the other sender" in c.last_line
 
 
+def test_the_first_housekeeping_after_a_command_says_which_flight_took_it():
+    c = tracked(commands.abort(), "MOVE")  # nothing was heard before
+    come = [("KC_HK", hk(state="MOVE")), ("KC_HK", hk(state="SAFE", boots=9)), ("KC_HK", hk(state="MOVE"))]
+    stages = after(c, ("KC_ACK", ack(names.opcode("ABORT"))), *come)
+    assert stages == [SENT, RECEIVED, ACCEPTED] and c.outcome == ACCEPTED
+    assert "two senders of housekeeping" in c.last_line
+
+
 def test_a_next_start_and_a_change_by_somebody_else_are_the_same_flight():
     c = Tracked(commands.approve_go(CRC), SEQ, 10.0, UTC, 5.0, 3, "ARMED", hk())
     go = ack(names.opcode("APPROVE_GO"))
