@@ -384,6 +384,18 @@ def test_the_override_of_the_first_step_is_said_and_kept_at_the_second(file, goo
     ]
 
 
+def test_of_a_first_step_that_was_taken_twice_the_second_one_counts(file, good, signer):
+    flight = DirectFlight(signer).waits(CRC)
+    who = {by: operator(file, by) for by in ("A. Reviewer", "B. Second")}
+    for by in who:
+        flight.hk.state = 9  # the first one has expired
+        seen(file, good, signer, by)
+        decisions.arm(flight, f"{CRC:08x}", who[by][0])
+    first, said = who["A. Reviewer"]
+    decisions.go(flight, f"{CRC:08x}", first)
+    assert [text.partition(",")[0] for text in said if "armed by" in text] == ["armed by B. Second"]
+
+
 def test_a_verdict_that_flight_has_lost_is_a_reason_besides_those_that_were_seen(file, good, signer):
     flight = DirectFlight(signer).waits(CRC, 0)
     seen(file, replace(good, verdict=VERDICTS["POOR"]), signer)
