@@ -3,6 +3,7 @@
 import json
 import os
 import time
+from dataclasses import replace
 
 import lcm
 import pytest
@@ -193,6 +194,16 @@ def test_a_line_that_was_appended_after_the_end_is_named(journal, file):
     with pytest.raises(BadInput, match="its end mark stands at line 3, this one was appended") as error:
         read(journal, file)
     assert error.value.where == f"{journal}:4"
+
+
+def test_a_line_without_its_sign_of_a_mark_was_appended_also_with_the_key(journal, file):
+    """What writes lines with MACs writes the mark too, and says so in the line."""
+    (key, *_), last = keys.read(file), read(journal, file).entries[-1]
+    line = replace(last, previous=journals._hash(last.text().encode()), marked=0)
+    with journal.open("a") as out:
+        out.write(replace(line, mac=line.mac_of(key)).text() + "\n")
+    with pytest.raises(BadInput, match="its end mark stands at line 3, this one was appended"):
+        read(journal, file)
 
 
 def test_a_journal_that_was_put_back_is_noticed_by_what_was_noted(journal, file):

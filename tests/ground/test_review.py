@@ -743,6 +743,8 @@ def test_the_journal_says_what_came_after_the_end_of_the_log(names, journal, sig
     about = status(log, r, review.check_journal(journal))
     assert about.state.startswith(state) and about.waits is waits
     assert bool(to_decide(r, about)) is waits
+    armed = status(log_with([("COR_ARMED", -1, CRC)]), r, review.check_journal(journal))
+    assert armed.waits is waits and armed.armed is waits
     in_force = log_with([("COR_ACTIVE", -1, CRC)], active=CRC)
     assert status(in_force, r, review.check_journal(journal)).state == "in force"
 

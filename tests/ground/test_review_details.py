@@ -400,6 +400,12 @@ def test_the_override_of_the_first_step_is_said_and_kept_at_the_second(file, goo
     ]
 
 
+def test_a_first_step_overrides_nothing_unless_it_is_asked_to(signer):
+    flight = DirectFlight(signer).waits(CRC)
+    decisions.send_arm(flight, CRC, 1.0)
+    assert flight.commands[0].arg_i[1] == 0
+
+
 def test_of_a_first_step_that_was_taken_twice_the_second_one_counts(file, good, signer):
     flight = DirectFlight(signer).waits(CRC)
     who = {by: operator(file, by) for by in ("A. Reviewer", "B. Second")}
