@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from kincal.cli.terminal import say
 from kincal_shared.errors import BadInput
 
 _WRITABLE = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK  # a pipe that nobody reads is no place to write
@@ -35,6 +36,8 @@ class OutputFile(click.ParamType[Path]):
             _try(path, lambda: os.close(os.open(path, _WRITABLE)))
         else:
             _check_folder(path.parent, path)
+            if not path.parent.exists():  # a mistyped one is noticed before the work begins
+                say(f"note: the folder {path.parent} is not there yet, it will be made", err=True)
         return path
 
 
