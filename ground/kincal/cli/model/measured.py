@@ -275,10 +275,11 @@ def next_command(
 def _boxes(option: str, texts: Sequence[str]) -> tuple[Box, ...]:
     """Boxes of an option. BadInput names what is not six numbers."""
     from kincal.workbench.prediction.measurable import BOX_TEXT, Box
+    from kincal_shared.schema.numbers import plain_number
 
     def numbers(text: str) -> list[float]:
         try:
-            return [float(x) for x in text.split(",")]
+            return [plain_number(x) for x in text.split(",")]
         except ValueError:
             raise BadInput(f"{option} {text}: not numbers", todo=BOX_TEXT) from None
 
