@@ -77,6 +77,15 @@ def scaled(names, factor):
     return rows(lambda row: row | {name: repr(float(row[name]) * factor) for name in names})
 
 
+def scaled_rows(numbers, names, factor):
+    def change(found):
+        for k in numbers:
+            found[k] |= {name: repr(float(found[k][name]) * factor) for name in names}
+        return found
+
+    return lambda folder: _table(folder, change)
+
+
 def added(**columns):
     return rows(lambda row: row | columns)
 
@@ -295,6 +304,18 @@ WRONG = {
     "unknown split": (added(split="train"), ["split is train"]),
     "direction of 2": (added(**{f"dir{j}": "2" for j in range(1, 8)}), ["dir1", "-1, 0 or +1"]),
     "degrees": (scaled(Q, 180.0 / np.pi), ["degrees", "--units deg"]),
+    "some rows in millimetres": (scaled_rows([6, 11, 30], P, 1e3), ["3 of 40 poses look like millimetres",
+                                 "ids p6, p11, p30", "--exclude p6,p11,p30"]),
+    "most rows in millimetres": (scaled_rows(range(4, 40), P, 1e3), ["36 of 40 poses look like millimetres",
+                                 "the others like metres: ids p0, p1, p2, p3;", "--units mm"]),
+    "some rows in degrees": (scaled_rows([6, 11, 30], Q, 180.0 / np.pi), ["3 of 40 poses look like degrees",
+                             "ids p6, p11, p30"]),
+    "most rows in degrees": (scaled_rows(range(4, 40), Q, 180.0 / np.pi), ["36 of 40 poses look like degrees",
+                             "the others like radians: ids p0, p1, p2, p3;"]),
+    "one joint in degrees": (scaled(["q3"], 180.0 / np.pi), ["readings of joint 3 look like degrees",
+                             "multiply q3 by pi/180"]),
+    "two joints in degrees": (scaled(["q2", "q4"], 180.0 / np.pi), ["joint 2, 4 look like degrees"]),
+    "one coordinate in millimetres": (scaled(["pz"], 1e3), ["pz of the measured positions", "divide pz"]),
     "millimetres": (scaled(P, 1e3), ["millimetres", "--units mm"]),
     "two readings exchanged": (exchanged("q2", "q4"), ["joints 2 and 4 seem exchanged"]),
     "readings in another order": (exchanged("q1", "q3", "q4", "q6"), ["another order"]),
@@ -541,6 +562,27 @@ def test_force_goes_on_and_keeps_the_doubt_in_the_answer(folder):
     assert done.exit_code == 0
     assert any("joint 7 counts the other way" in note for note in json.loads(done.stdout)["notes"])
     assert "warning: joint 7" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        cell(3, "px", "1e4"),
+        cell(3, "q7", "25.0"),
+        rows(lambda row: row | {"q7": f"{float(row['q7']) + 62.8318530717959}"}),
+    ],
+)
+def test_what_is_far_off_for_another_reason_is_not_called_another_unit(folder, spoil):
+    spoil(folder)
+    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    assert "look like" not in done.stderr
+
+
+def test_with_force_a_few_poses_in_millimetres_are_outliers(folder):
+    scaled_rows([6, 11, 30], P, 1e3)(folder)
+    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--force", "--json")
+    assert done.exit_code == 0, done.stderr
+    assert {"p6", "p11", "p30"} <= set(json.loads(done.stdout)["outliers"])
 
 
 def test_copies_of_a_row_are_no_replicates(folder):
