@@ -51,7 +51,7 @@ def write_files(contents: Mapping[Path, str | bytes]) -> list[Path]:
 
 
 def cannot_write(path: Path | str, error: OSError) -> BadInput:
-    """What people are told about a file that could not be written."""
+    """What to report of a file that could not be written."""
     why = error.strerror or str(error)
     return BadInput(f"cannot be written: {why}", str(path), TODO.get(error.errno or 0, "name another place"))
 

@@ -38,7 +38,7 @@ def _missing_module(module: str, extra: str) -> BadInput:
 
 
 def _of_the_system(error: OSError) -> BadInput | None:
-    """What people are told about a file, or standard output, that the system refused; None if the error is
+    """What to report of a file, or standard output, that the system refused; None if the error is
     of something else."""
     if error.errno in TODO:
         return cannot_write(error.filename or "standard output", error)

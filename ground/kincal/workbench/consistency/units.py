@@ -17,7 +17,7 @@ from .misfit import LEAST_POSES, misfit
 
 _DEGREE = math.pi / 180.0
 _MILLIMETRE = 1e-3
-_APART = 20.0  # times farther than the others, or than the arm reaches: another unit, no motion
+_FACTOR = 20.0  # times farther than the others, or than the arm reaches: another unit, no motion
 _NEAR = 2.5  # times the reach, within which poses of one arm are to each other
 _SMALL = 0.05  # of the reach: shorter positions say nothing of the unit
 _TURNS = 2.2 * math.pi  # [rad] that readings in radians hardly exceed
@@ -47,7 +47,7 @@ def millimetre_rows(arm: ArmTable, data: Measurements) -> Mask:
     reach = reach_m(arm)
     size = np.maximum(np.linalg.norm(data.p_m, axis=1), _SMALL * reach)
     ordered = np.sort(size)
-    if data.n < 2 or reach <= 0.0 or (ratio := ordered[1:] / ordered[:-1]).max() < _APART:
+    if data.n < 2 or reach <= 0.0 or (ratio := ordered[1:] / ordered[:-1]).max() < _FACTOR:
         return np.zeros(data.n, dtype=np.bool_)
     far = np.asarray(size > ordered[int(ratio.argmax())], dtype=np.bool_)
     middle = np.median(data.p_m[~far], axis=0)
@@ -96,7 +96,7 @@ def _rows(data: Measurements, found: Mask, unit: str, ours: str, what: str, opti
 def _column_in_millimetres(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
     reach = reach_m(arm)
     low, high = np.quantile(data.p_m, [0.1, 0.9], axis=0)
-    far = high - low > _APART * reach
+    far = high - low > _FACTOR * reach
     if reach <= 0.0 or not far.any() or far.all():
         return
     if ((high - low) * np.where(far, _MILLIMETRE, 1.0) <= _NEAR * reach).all():
@@ -121,7 +121,7 @@ def _columns_in_degrees(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
     columns = ", ".join(f"q{j + 1}" for j in np.flatnonzero(found))
     yield Finding(
         "degrees",
-        f"the readings of joint {joints} look like degrees, the others like radians: the arm then explains "
+        f"the readings of joint {joints} seem to be in degrees, the others in radians: the arm then explains "
         f"the poses {size} better",
         f"multiply {columns} by pi/180: --units is for all columns",
         before / after,
