@@ -58,10 +58,10 @@ def cannot_write(path: Path | str, error: OSError) -> BadInput:
 
 def _begin(path: Path, data: bytes, begun: dict[Path, Path], made: list[Path]) -> None:
     """Write the data under another name, and note that; `made` takes up folders that were not there."""
-    place = path.resolve()  # a link stays one
-    if place.exists() and not place.is_file() and not place.is_dir():
-        place.write_bytes(data)
+    if is_stream(path):
+        path.write_bytes(data)
         return
+    place = path.resolve()  # a link stays one
     missing = [folder for folder in place.parents if not folder.exists()]
     for folder in reversed(missing):
         folder.mkdir(exist_ok=True)
@@ -73,6 +73,12 @@ def _begin(path: Path, data: bytes, begun: dict[Path, Path], made: list[Path]) -
         file.write(data)
         file.flush()
         os.fsync(file.fileno())  # a full disk is sometimes noticed only here
+
+
+def is_stream(path: Path) -> bool:
+    """A pipe or device, or what this process has open already: nothing can take its place."""
+    other = path.exists() and not path.is_file() and not path.is_dir()
+    return other or str(path).startswith(("/dev/std", "/dev/fd/", "/proc/"))
 
 
 def _undo(begun: Mapping[Path, Path], made: list[Path]) -> None:

@@ -8,6 +8,7 @@ import resource
 import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import poses
@@ -187,6 +188,27 @@ def test_a_file_replaced_keeps_its_rights_and_a_link_stays_one(tmp_path):
     write_file(link, "new")
     assert link.is_symlink()
     assert (kept.read_text(), kept.stat().st_mode & 0o777) == ("new", 0o640)
+
+
+def test_standard_output_can_be_named_as_a_file(fitted):
+    command = [sys.executable, "-m", "kincal", *map(str, WRITTEN["next"][0](fitted))]
+    command[command.index(str(fitted / "n.csv"))] = "/dev/stdout"
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "q1,q2,q3" in done.stdout
+
+
+def test_a_folder_in_which_nothing_can_be_made_is_refused_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "report.html").write_text("")
+    monkeypatch.setattr(tempfile, "TemporaryFile", raises(PermissionError(13, "Permission denied")))
+    assert "nothing can be written there: Permission denied" in refused(*diagnose(tmp_path / "report.html"))
+
+
+def raises(error):
+    def function(*_args, **_named):
+        raise error
+
+    return function
 
 
 def test_of_several_files_all_are_written_or_none(tmp_path):

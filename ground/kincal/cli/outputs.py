@@ -11,6 +11,7 @@ import click
 
 from kincal.cli.terminal import say
 from kincal_shared.errors import BadInput
+from kincal_shared.writing import is_stream
 
 _WRITABLE = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK  # a pipe that nobody reads is no place to write
 
@@ -34,6 +35,8 @@ class OutputFile(click.ParamType[Path]):
             raise BadInput("this is a directory, a file is to be written", str(path), "add a file name")
         if path.exists():
             _try(path, lambda: os.close(os.open(path, _WRITABLE)))
+            if path.is_file() and not is_stream(path):
+                _check_folder(path.resolve().parent, path)  # a new file will take its place
         else:
             _check_folder(path.parent, path)
             if not path.parent.exists():  # a mistyped one is noticed before the work begins
