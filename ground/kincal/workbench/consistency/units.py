@@ -50,9 +50,16 @@ def millimetre_rows(arm: ArmTable, data: Measurements) -> Mask:
     if data.n < 2 or reach <= 0.0 or (ratio := ordered[1:] / ordered[:-1]).max() < _FACTOR:
         return np.zeros(data.n, dtype=np.bool_)
     far = np.asarray(size > ordered[int(ratio.argmax())], dtype=np.bool_)
+    if far.mean() > 0.5 and _spread(data.p_m[far]) < _NEAR * reach:  # far away, and of one arm
+        return np.zeros(data.n, dtype=np.bool_)
     middle = np.median(data.p_m[~far], axis=0)
     there = np.linalg.norm(_MILLIMETRE * data.p_m - middle, axis=1) <= _NEAR * reach
     return np.asarray(far & there, dtype=np.bool_)
+
+
+def _spread(p_m: Array) -> float:
+    """Median distance from the middle."""
+    return float(np.median(np.linalg.norm(p_m - np.median(p_m, axis=0), axis=1)))
 
 
 def degree_rows(arm: ArmTable, data: Measurements) -> Mask:
