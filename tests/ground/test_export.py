@@ -826,7 +826,6 @@ def test_json_holds_every_number_with_its_unit(folder):
 @pytest.mark.parametrize("form, name, says", [
     ("urdf", "o.pdf", "writes .urdf or .xml"), ("c", "o.h", "writes .c"), ("python", "o", "writes .py"),
     ("dh", "arm.toml", "input of the export"), ("dh", "M.toml", "input of the export"),
-    ("json", "nowhere/o.json", "no file can be written there"),
 ])  # fmt: skip
 def test_wrong_path_is_refused(folder, form, name, says):
     done = kincal(
@@ -842,6 +841,38 @@ def test_model_without_values_is_refused(folder, tmp_path):
                   "--format", "c", "-o", "o.c")  # fmt: skip
     assert done.exit_code == 2
     assert "run `kincal model fit` first" in done.stderr
+
+
+def with_value(model, number, **change):
+    """The text of a model file with other keys of a [[value]]."""
+    head, *values = model.split("[[value]]")
+    for key, new in change.items():
+        values[number - 1] = re.sub(rf"(?m)^{key} = .*", f"{key} = {new}", values[number - 1], count=1)
+    return "[[value]]".join([head, *values])
+
+
+@pytest.mark.parametrize(
+    ("number", "change", "words"),
+    [
+        (1, {"value": "1000.0"}, "is 1000 rad, up to 4 can be fitted"),
+        (3, {"value": "-1000.0"}, "value[3], J1.a_m, is -1000 m, up to 2 can be fitted"),
+        (-1, {"value": "1e300"}, "tag_scale"),
+        (2, {"std_err": "0.5"}, "value[2], J1.alpha_rad, has std_err 0.5, its covariance"),
+        (3, {"unit": '"mm"'}, "value[3], J1.a_m, is in mm, it is fitted in m"),
+        (2, {"name": '"J1.phi_rad"'}, "value[2].name: is J1.phi_rad, which stands above already"),
+    ],
+)
+@pytest.mark.parametrize("form", ["json", "dh"])
+def test_values_that_no_fit_gives_are_refused_by_key(folder, tmp_path, form, number, change, words):
+    model = (folder / "M.toml").read_text()
+    number = model.count("[[value]]") if number < 0 else number
+    (tmp_path / "M.toml").write_text(with_value(model, number, **change))
+    suffix = {"json": "json", "dh": "toml"}[form]
+    args = ("model", "export", "--arm", str(folder / "arm.toml"), "--model", "M.toml", "--format", form)
+    done = kincal(tmp_path, *args, "-o", f"o.{suffix}")
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert not (tmp_path / f"o.{suffix}").exists()
 
 
 def test_model_of_another_arm_or_with_other_values_is_refused(folder):

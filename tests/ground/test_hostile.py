@@ -201,6 +201,8 @@ def test_an_event_of_no_known_number_has_a_line(number):
         ({"p_m": [1e300, 0.0, 0.0]}, "p_m"),
         ({"q_wxyz": [0.0] * 4}, "q_wxyz (norm 0)"),
         ({"cov": [0.0] * 21}, "cov (not positive definite)"),
+        ({"cov": list((np.eye(6) * 1e-40)[np.triu_indices(6)])}, "cov (a variance of no instrument)"),
+        ({"payload_kg": -2.0}, "payload_kg is -2 kg"),
         ({"n_joints": 6}, "6 joints"),
     ],
 )

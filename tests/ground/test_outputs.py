@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import resource
 import stat
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 
+import poses
 import pytest
 from click.testing import CliRunner
 
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
+from kincal_shared.errors import BadInput
+from kincal_shared.writing import write_file, write_files
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -47,6 +55,8 @@ COMMANDS = {
     "uplink": (lambda out: ("model", "uplink", "--model", "none.toml", "-o", out)),
     "uplink --fly": (lambda out: ("model", "uplink", "--model", "none.toml", "--fly", out)),
     "fit": (lambda out: ("model", "fit", "--arm", "none.toml", "--data", "none.csv", "--model", out)),
+    "export": (lambda out: ("model", "export", "--model", "none.toml", "--format", "c", "-o", out)),
+    "next": (lambda out: ("model", "next", "--arm", "a", "--data", "d", "-o", out, "backlash", "base_flex")),
     "import": (lambda out: ("arm", "import", "none.urdf", "-o", out)),
     "run": (lambda out: ("run", "paper", "--fast", "--out", out)),
     "schema": (lambda out: ("schema", "--out", out)),
@@ -63,7 +73,7 @@ def test_a_place_below_a_file_is_refused_before_the_work(tmp_path, command):
     assert str(tmp_path / "file") in error
 
 
-@pytest.mark.parametrize("command", ["uplink", "fit", "import", "space", "dump"])
+@pytest.mark.parametrize("command", ["uplink", "fit", "export", "next", "import", "space", "dump"])
 def test_a_directory_in_place_of_a_file_is_refused(tmp_path, command):
     assert "directory" in refused(*COMMANDS[command](tmp_path))
 
@@ -92,3 +102,118 @@ def test_a_path_that_is_fine_is_neither_made_nor_changed(tmp_path):
     assert "none.toml" in refused(*diagnose(tmp_path / "new" / "report.html"))
     assert (kept.read_text(), kept.stat().st_mtime_ns) == ("as it was", before)
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("command", ["diagnose", "uplink", "fit", "export", "next", "import"])
+def test_a_folder_that_is_not_there_is_named_before_the_work(tmp_path, command):
+    assert f"the folder {tmp_path / 'mistyped'} is not there yet" in refused(
+        *COMMANDS[command](tmp_path / "mistyped" / "out")
+    )
+    assert not (tmp_path / "mistyped").exists()
+
+
+# --------------------------------------------------------------------------- no room
+
+
+@contextlib.contextmanager
+def no_room(most=100):
+    """No file can become larger, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def contents(folder):
+    return {path.relative_to(folder): path.is_file() and path.read_bytes() for path in folder.rglob("*")}
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """arm.toml, poses.csv, and M.toml fitted to them."""
+    folder = tmp_path_factory.mktemp("fitted")
+    poses.arm_toml(folder / "arm.toml", masses=False)
+    poses.poses_csv(folder / "poses.csv", 40, 5)
+    done = CliRunner().invoke(main, ["model", "fit", *_given(folder), "--model", str(folder / "M.toml")])
+    assert done.exit_code == 0, done.stderr
+    return folder
+
+
+def _given(folder):
+    return "--arm", str(folder / "arm.toml"), "--data", str(folder / "poses.csv")
+
+
+WRITTEN = {
+    "add": (lambda f: ("model", "add", "--model", f / "M.toml", "backlash[1]"), "M.toml"),
+    "fit": (lambda f: ("model", "fit", *_given(f), "--model", f / "M.toml"), "M.toml"),
+    "fit anew": (lambda f: ("model", "fit", *_given(f), "--model", f / "new" / "N.toml"), "N.toml"),
+    "export": (lambda f: ("model", "export", "--model", f / "M.toml", "--format", "dh",
+                          "-o", f / "a" / "b" / "x.toml"), "x.toml"),
+    "report": (lambda f: ("model", "diagnose", *_given(f), "--report", f / "new" / "r.html"), "r.html"),
+    "next": (lambda f: ("model", "next", *_given(f), "--count", 1, "-o", f / "n.csv", "backlash[1]",
+                        "backlash[2]"), "n.csv"),
+    "schema": (lambda f: ("schema", "--out", f / "schemas"), "arm.schema.json"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", WRITTEN)
+def test_without_room_everything_stays_as_it_was(fitted, command):
+    args, name = WRITTEN[command]
+    before = contents(fitted)
+    with no_room():
+        error = refused(*args(fitted))
+    assert "cannot be written: File too large" in error
+    assert name in error
+    assert "to do:" in error
+    assert contents(fitted) == before
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_standard_output_without_room_is_named():
+    command = [sys.executable, "-m", "kincal", "arm", "show", "wam"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == EXIT_INPUT
+    assert "No space left on device\n  where: standard output" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_file_replaced_keeps_its_rights_and_a_link_stays_one(tmp_path):
+    kept, link = tmp_path / "kept", tmp_path / "link"
+    kept.write_text("old")
+    kept.chmod(0o640)
+    link.symlink_to(kept)
+    write_file(link, "new")
+    assert link.is_symlink()
+    assert (kept.read_text(), kept.stat().st_mode & 0o777) == ("new", 0o640)
+
+
+def test_standard_output_can_be_named_as_a_file(fitted):
+    command = [sys.executable, "-m", "kincal", *map(str, WRITTEN["next"][0](fitted))]
+    command[command.index(str(fitted / "n.csv"))] = "/dev/stdout"
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "q1,q2,q3" in done.stdout
+
+
+def test_a_folder_in_which_nothing_can_be_made_is_refused_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "report.html").write_text("")
+    monkeypatch.setattr(tempfile, "TemporaryFile", raises(PermissionError(13, "Permission denied")))
+    assert "nothing can be written there: Permission denied" in refused(*diagnose(tmp_path / "report.html"))
+
+
+def raises(error):
+    def function(*_args, **_named):
+        raise error
+
+    return function
+
+
+def test_of_several_files_all_are_written_or_none(tmp_path):
+    (tmp_path / "old").write_text("old")
+    before = contents(tmp_path)
+    with no_room(), pytest.raises(BadInput, match="File too large"):
+        write_files({tmp_path / "old": "new", tmp_path / "new" / "small": "", tmp_path / "large": "x" * 101})
+    assert contents(tmp_path) == before

@@ -474,6 +474,10 @@ def test_acquisitions_stand_in_the_order_of_their_numbers():
     [
         ("model", 'effects = ["base_flex", "base_flex"]', "effects: names base_flex twice"),
         ("model", 'effects = ["backlash", "backlash[2]"]', "backlash, which is the effect at all joints"),
+        ("model", 'effects = ["joint_ripple[2](k=4)"]\n[constants."joint_ripple[2]"]\nk = 3',
+         'constants."joint_ripple[2]".k: is 3, but effects says k=4'),
+        ("model", 'effects = ["joint_ripple(k=4)"]\n[constants."joint_ripple[2]"]\nk = 3',
+         "is 3, but effects says k=4"),
         ("model", 'effects = "backlash"', 'effects: is "backlash", a list is needed'),
         ("model", "effect = []", "effect: unknown key; write effects"),
         ("scenario", '[arm.errors]\n"J7.phi_deg" = 75', "arm.errors: 'J7.phi_deg' is no error; they are"),

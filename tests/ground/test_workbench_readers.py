@@ -3,6 +3,7 @@
 Oracle: scipy.spatial.transform for forms of rotation; the poses that were written."""
 
 import json
+import re
 
 import numpy as np
 import poses
@@ -204,6 +205,32 @@ def test_npz_of_arrays_of_different_length_is_refused(tmp_path):
     np.savez(tmp_path / "d.npz", q=Q, p=P[:-1])
     with pytest.raises(BadInput, match=r"'p' has 11 rows, others have 12"):
         wb.read_measurements(tmp_path / "d.npz", 2)
+
+
+@pytest.mark.parametrize(
+    "name, values, words",
+    [
+        ("q", Q + 1j, "row 1: q1 is ("),
+        (
+            "t_s",
+            np.arange(N).astype("datetime64[s]"),
+            "row 1: t_s is 1970-01-01T00:00:00",
+        ),
+        ("t_s", np.zeros(N, dtype=[("a", "f8")]), "row 1: t_s is (0"),
+        ("q", Q.astype(object), "cannot be read as npz"),
+        ("t_s", np.array(["1_0"] * N), "row 1: t_s is 1_0, a number is needed"),
+    ],
+)
+def test_npz_of_other_things_than_real_numbers_is_refused_by_row(tmp_path, name, values, words):
+    np.savez(tmp_path / "d.npz", **{"q": Q, "p": P, name: values})
+    with pytest.raises(BadInput, match=re.escape(words)):
+        wb.read_measurements(tmp_path / "d.npz", 2)
+
+
+def test_names_of_bytes_are_names_and_numbers_may_be_texts(tmp_path):
+    names, other = np.array([f"a{k}".encode() for k in range(N)]), P + 1j
+    np.savez(tmp_path / "d.npz", q=Q.astype(str), p=P, id=names, unused=other)
+    assert wb.read_measurements(tmp_path / "d.npz", 2).ids[:2] == ("a0", "a1")
 
 
 def test_npz_row_that_is_not_finite_is_named_or_skipped(tmp_path):

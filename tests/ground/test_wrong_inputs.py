@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
 import shutil
+import subprocess
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +22,8 @@ from kincal.arms.library import arm_text
 from kincal.cli import main
 from kincal.cli.errors import EXIT_DATA, EXIT_FAILED, EXIT_INPUT
 from kincal.workbench.data.readers import read_measurements
+from kincal_shared import reading
+from kincal_shared.errors import BadInput
 from kincal_shared.schema.arm import read_arm
 
 Q = [f"q{j}" for j in range(1, 8)]
@@ -69,6 +75,15 @@ def renamed(names):
 
 def scaled(names, factor):
     return rows(lambda row: row | {name: repr(float(row[name]) * factor) for name in names})
+
+
+def scaled_rows(numbers, names, factor):
+    def change(found):
+        for k in numbers:
+            found[k] |= {name: repr(float(found[k][name]) * factor) for name in names}
+        return found
+
+    return lambda folder: _table(folder, change)
 
 
 def added(**columns):
@@ -131,6 +146,10 @@ def inverted(row):
     p = -turn.apply([float(row[name]) for name in P])
     x, y, z, w = turn.as_quat()
     return row | dict(zip((*P, *QUAT), map(str, (*p, w, x, y, z)), strict=True))
+
+
+def covariance(variance):
+    return added(**{f"c{i}{j}": repr(variance * (i == j)) for i in range(1, 7) for j in range(i, 7)})
 
 
 def unrelated(folder):
@@ -217,6 +236,10 @@ WRONG = {
     "unknown convention": (arm('"standard"', '"craig"'), ["convention", "modified"]),
     "other convention": (arm('"standard"', '"modified"'), ["DH parameters look standard"]),
     "another shipped arm": (unknown_frames(arm_text("iiwa7")), ["wam", "--arm wam"]),
+    "gear ratio of 0": (arm(r"gear_ratio = .*", "gear_ratio = 0"),
+                        ["joint[1].gear_ratio", "is 0", "leave gear_ratio out"]),
+    "a number of 5000 digits": (arm(r"d_m = 0\.0", "d_m = " + "9" * 5000), ["arm.toml", "too many digits"]),
+    "20000 nested lists": (arm(r"$", "\nx = " + "[" * 20000), ["arm.toml", "nested too deeply"]),
     "another arm": (other_arm, ["wrong arm table"]),
     "one joint too many": (lambda f: arm(r"$", JOINT)(f), ["q8", "missing"]),
     "12 joints": (lambda f: arm(r"$", JOINT * 5)(f), ["q8", "q12", "missing"]),
@@ -256,6 +279,20 @@ WRONG = {
     "counts of an encoder": (cell(3, "q2", "1e12"), ["line 5", "q2 is 1e+12", "counts of an encoder"]),
     "gravity in the data in millimetres": (added(gx="0", gy="0", gz="-9810"),
                                            ["line 2", "gz is -9810", "mm/s^2"]),
+    "a value of 140000 letters": (cell(3, "id", "x" * 140000), ["line 5", "characters", "--skip-bad"]),
+    "a header without an end": (content(b"q" * 140000), ["line 1", "140000 characters"]),
+    "underscore in a number": (cell(3, "q2", "1_0"), ["line 5", "q2 is 1_0, a number is needed"]),
+    "digits of another script": (cell(3, "q2", "\u0661.\u0665"), ["line 5", "q2 is", "a number is needed"]),
+    "mass below 0": (added(payload_kg="-2"), ["line 2", "payload_kg is -2 kg, 0 or more is needed"]),
+    "distance below 0": (added(range_m="-2"), ["line 2", "range_m is -2 m"]),
+    "below absolute zero": (added(temp_c="-300"), ["line 2", "temp_c is -300 deg C", "absolute zero"]),
+    "tag 7": (added(tag="7"), ["line 2", "tag is 7, up to 1"]),
+    "a time of 1e300 s": (added(t_s="1e300"), ["line 2", "t_s is 1e+300 s"]),
+    "half a replicate": (added(replicate="1.5"), ["line 2", "replicate is 1.5, a whole number"]),
+    "replicate 1e300": (added(replicate="1e300"), ["line 2", "replicate is 1e+300"]),
+    "noise whose square is 0": (added(sp_m="1e-300", sr_rad="0.001"), ["line 2", "sp_m is 1e-300 m"]),
+    "noise whose square is infinite": (added(sp_m="0.001", sr_rad="1e300"), ["line 2", "sr_rad is 1e+300"]),
+    "covariance of no instrument": (covariance(1e-40), ["line 2", "c11..c66", "of no instrument"]),
     "truncated npz": (truncated_npz, ["cannot be read as npz"]),
     "not a number": (cell(3, "py", "nan"), ["line 5", "py"]),
     "text in a number": (cell(3, "q2", "approx 3"), ["line 5", "q2", "approx 3"]),
@@ -267,6 +304,18 @@ WRONG = {
     "unknown split": (added(split="train"), ["split is train"]),
     "direction of 2": (added(**{f"dir{j}": "2" for j in range(1, 8)}), ["dir1", "-1, 0 or +1"]),
     "degrees": (scaled(Q, 180.0 / np.pi), ["degrees", "--units deg"]),
+    "some rows in millimetres": (scaled_rows([6, 11, 30], P, 1e3), ["3 of 40 poses look like millimetres",
+                                 "ids p6, p11, p30", "--exclude p6,p11,p30"]),
+    "most rows in millimetres": (scaled_rows(range(4, 40), P, 1e3), ["36 of 40 poses look like millimetres",
+                                 "the others like metres: ids p0, p1, p2, p3;", "--units mm"]),
+    "some rows in degrees": (scaled_rows([6, 11, 30], Q, 180.0 / np.pi), ["3 of 40 poses look like degrees",
+                             "ids p6, p11, p30"]),
+    "most rows in degrees": (scaled_rows(range(4, 40), Q, 180.0 / np.pi), ["36 of 40 poses look like degrees",
+                             "the others like radians: ids p0, p1, p2, p3;"]),
+    "one joint in degrees": (scaled(["q3"], 180.0 / np.pi), ["readings of joint 3 seem to be in degrees",
+                             "multiply q3 by pi/180"]),
+    "two joints in degrees": (scaled(["q2", "q4"], 180.0 / np.pi), ["joint 2, 4 seem to be in degrees"]),
+    "one coordinate in millimetres": (scaled(["pz"], 1e3), ["pz of the measured positions", "divide pz"]),
     "millimetres": (scaled(P, 1e3), ["millimetres", "--units mm"]),
     "two readings exchanged": (exchanged("q2", "q4"), ["joints 2 and 4 seem exchanged"]),
     "readings in another order": (exchanged("q1", "q3", "q4", "q6"), ["another order"]),
@@ -311,6 +360,57 @@ def test_wrong_input_names_the_likely_cause(folder, case):
     assert done.stdout == ""
     for word in words:
         assert word in done.stderr
+
+
+STREAMS = {
+    "a pipe that nobody writes into": (
+        os.mkfifo,
+        {"--data": "is a pipe, but", "": "that nobody writes into"},
+    ),
+    "a device": (lambda path: path.symlink_to("/dev/zero"), {"": "is a device, a file is needed"}),
+}
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+@pytest.mark.parametrize("option", ["--arm", "--data", "--model", "--map", "--effects"])
+def test_what_has_no_end_is_refused_and_not_waited_for(folder, monkeypatch, stream, option):
+    monkeypatch.setattr(reading, "_PATIENCE_MS", 10)
+    make, words = STREAMS[stream]
+    make(folder / "stream")
+    given = {"--arm": folder / "arm.toml", "--data": folder / "poses.csv", option: folder / "stream"}
+    done = compare(*(word for pair in given.items() for word in pair))
+    assert done.exit_code == EXIT_INPUT
+    assert words.get(option, words[""]) in done.stderr
+    assert f"where: {folder / 'stream'}" in done.stderr
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 0.3])
+def test_a_pipe_that_somebody_writes_into_is_read_to_its_end(folder, wait_s):
+    """Also by a writer that is slow to begin."""
+    pipe, text = folder / "pipe", (folder / "arm.toml").read_text()
+    os.mkfifo(pipe)
+
+    def write():
+        with pipe.open("w") as out:
+            time.sleep(wait_s)
+            out.write(text)
+            out.flush()
+            time.sleep(wait_s)
+            out.write("#" * 200_000)
+
+    with ThreadPoolExecutor() as pool:
+        writer = pool.submit(write)
+        assert read_arm(pipe).n == 7
+        writer.result()
+
+
+def test_a_pipe_without_an_end_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(reading, "_MOST_BYTES", 1 << 20)
+    os.mkfifo(tmp_path / "pipe")
+    with subprocess.Popen(f"exec cat /dev/zero > '{tmp_path / 'pipe'}'", shell=True) as writer:
+        with pytest.raises(BadInput, match="up to 1 MiB are read from a pipe"):
+            read_arm(tmp_path / "pipe")
+        writer.kill()
 
 
 @pytest.mark.parametrize("read", ["wxyz=qx,qy,qz,qw", "xyzw=qw,qx,qy,qz"])
@@ -398,6 +498,16 @@ def test_an_effect_at_a_joint_that_the_arm_lacks_is_refused(folder, names):
     assert far.exit_code == EXIT_INPUT and "up to 16 joints" in far.stderr
 
 
+@pytest.mark.parametrize(
+    "name", ["backlash[\u00b2]", "backlash[\u0662]", f"backlash[{'9' * 5000}]", "bias_step[3](t0=1_2)"]
+)
+def test_numbers_in_names_are_plain(folder, name):
+    done = CliRunner().invoke(main, ["model", "add", "--model", str(folder / "M.toml"), name])
+    assert done.exit_code == EXIT_INPUT
+    assert "write b" in done.stderr
+    assert not (folder / "M.toml").exists()
+
+
 def test_a_fit_names_the_joint_before_what_the_effect_needs(folder):
     (folder / "M.toml").write_text('version = 1\neffects = ["joint_compliance[9]"]\n')
     args = ["--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--model", folder / "M.toml"]
@@ -452,6 +562,37 @@ def test_force_goes_on_and_keeps_the_doubt_in_the_answer(folder):
     assert done.exit_code == 0
     assert any("joint 7 counts the other way" in note for note in json.loads(done.stdout)["notes"])
     assert "warning: joint 7" in done.stderr
+
+
+def far_away_and_once_lost(folder):
+    """A tracker 50 m away, which once gave zeros."""
+    unknown_base = arm(r"(quat_wxyz = .*)", r"\1\nestimate = true")
+    unknown_base(folder)
+    rows(lambda row: row | {"px": repr(float(row["px"]) + 50.0)})(folder)
+    scaled_rows([3], P, 0.0)(folder)
+
+
+NO_OTHER_UNIT = {
+    "one pose 10 km away": cell(3, "px", "1e4"),
+    "one reading of another turn": cell(3, "q7", "25.0"),
+    "a joint ten turns on": rows(lambda row: row | {"q7": repr(float(row["q7"]) + 20.0 * np.pi)}),
+    "a pose lost by a tracker": far_away_and_once_lost,
+}
+
+
+@pytest.mark.parametrize("case", NO_OTHER_UNIT)
+def test_what_is_far_off_for_another_reason_is_not_called_another_unit(folder, case):
+    NO_OTHER_UNIT[case](folder)
+    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    for words in ("look like", "seem to be"):
+        assert words not in done.stderr
+
+
+def test_with_force_a_few_poses_in_millimetres_are_outliers(folder):
+    scaled_rows([6, 11, 30], P, 1e3)(folder)
+    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--force", "--json")
+    assert done.exit_code == 0, done.stderr
+    assert {"p6", "p11", "p30"} <= set(json.loads(done.stdout)["outliers"])
 
 
 def test_copies_of_a_row_are_no_replicates(folder):

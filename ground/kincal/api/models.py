@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,8 @@ from kincal.workbench.prediction.nested import EffectGain, cost_without
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.arm import MAX_JOINTS, ArmTable, read_arm
 from kincal_shared.schema.names import UNNAMED, is_unnamed, split_constants
+
+_JOINT = re.compile(r" *0*[1-9][0-9]{0,2} *")
 
 Read = Callable[[ArmTable], Measurements]
 """Reads the measurements of an arm."""
@@ -131,9 +134,7 @@ def _check_named(library: Library, names: Sequence[str]) -> None:
                 todo=f"did you mean {', '.join(near[:6])}? `kincal model effects` lists all",
             )
         inside = joint.rstrip("]")
-        if joint and not (
-            joint.endswith("]") and all(x.strip().isdigit() and int(x) > 0 for x in inside.split(","))
-        ):
+        if joint and not (joint.endswith("]") and all(_JOINT.fullmatch(x) for x in inside.split(","))):
             raise BadInput(
                 f"{name!r} does not name joints", todo=f"write {base}[2] for one joint, or {base} for all"
             )

@@ -68,8 +68,8 @@ def import_command(urdf: Path, base: str | None, tip: str | None, out_path: Path
     """
     from kincal.arms import import_urdf
     from kincal.cli.text import arm as text
+    from kincal_shared.writing import write_file
 
     made = import_urdf(urdf, base, tip)
-    out_path.parent.mkdir(parents=True, exist_ok=True)
-    out_path.write_text(made.text, encoding="utf-8")
+    write_file(out_path, made.text)
     click.echo(text.imported(made, out_path))

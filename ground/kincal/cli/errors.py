@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from typing import Any
 
 import click
@@ -9,6 +11,7 @@ import click
 from kincal.cli.terminal import say
 from kincal_shared.errors import BadInput, CannotAnswer, CommandFailed, KincalError
 from kincal_shared.installation import extra_of
+from kincal_shared.writing import TODO, cannot_write
 
 EXIT_FAILED = 1  # the work was done and its answer is no
 EXIT_INPUT = 2  # what was given cannot be used
@@ -34,6 +37,22 @@ def _missing_module(module: str, extra: str) -> BadInput:
     return BadInput(f"this command needs the Python package {module}", todo=todo)
 
 
+def _of_the_system(error: OSError) -> BadInput | None:
+    """What to report of a file, or standard output, that the system refused; None if the error is
+    of something else."""
+    if error.errno in TODO:
+        return cannot_write(error.filename or "standard output", error)
+    if error.filename is None:
+        return None
+    return BadInput(f"cannot be read or written: {error.strerror}", str(error.filename), "name another place")
+
+
+def _close_output() -> None:
+    """Drop what standard output still holds: Python would try to write it again at the end."""
+    with contextlib.suppress(OSError, ValueError):
+        sys.stdout.close()
+
+
 class Commands(click.Group):
     """The group of all commands. Library errors and Ctrl-C end a command with their exit status, not with
     a traceback."""
@@ -50,6 +69,13 @@ class Commands(click.Group):
             if not extra and error.name != "kcm":
                 raise
             click.echo(f"Error: {_missing_module(error.name or '', extra)}", err=True)
+            ctx.exit(EXIT_INPUT)
+        except OSError as error:
+            if (known := _of_the_system(error)) is None:
+                raise
+            say(f"Error: {known}", err=True)
+            if error.filename is None:
+                _close_output()
             ctx.exit(EXIT_INPUT)
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)

@@ -34,10 +34,11 @@ def export_xtce(first_apid: int, out: Path | None) -> None:
         kincal export xtce -o kincal.xml
     """
     from kincal.spacepackets.database import xtce
+    from kincal_shared.writing import write_file
 
     text = xtce(first_apid)
     if out is None:
         click.echo(text, nl=False)
     else:
-        out.write_text(text, encoding="utf-8")
+        write_file(out, text)
         click.echo(f"{out}: XTCE 1.2, identifiers from {first_apid}")

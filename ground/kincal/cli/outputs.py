@@ -9,7 +9,9 @@ from typing import Any
 
 import click
 
+from kincal.cli.terminal import say
 from kincal_shared.errors import BadInput
+from kincal_shared.writing import is_stream
 
 _WRITABLE = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK  # a pipe that nobody reads is no place to write
 
@@ -33,8 +35,12 @@ class OutputFile(click.ParamType[Path]):
             raise BadInput("this is a directory, a file is to be written", str(path), "add a file name")
         if path.exists():
             _try(path, lambda: os.close(os.open(path, _WRITABLE)))
+            if path.is_file() and not is_stream(path):
+                _check_folder(path.resolve().parent, path)  # a new file will take its place
         else:
             _check_folder(path.parent, path)
+            if not path.parent.exists():  # a mistyped one is noticed before the work begins
+                say(f"note: the folder {path.parent} is not there yet, it will be made", err=True)
         return path
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,9 @@ from kincal_shared.schema.arm import ArmTable
 from kincal_shared.schema.model import FitEntry, FrameEntry
 from kincal_shared.schema.names import COMPONENTS
 from kincal_shared.schema.terms import Basis
+
+_MOST_SIGMAS = 20.0  # of its prior: 2 m and 4 rad for a DH error, 200 typical sizes of an effect
+_SAME_VARIANCE = 1e-6  # as the file rounds it
 
 DH, BASE, TOOL = "DH", "base", "tool"
 """Groups of coefficients that are no effect of the library."""
@@ -205,6 +209,7 @@ def calibrated_arm(
     covariance = covariance_of(model)
     if covariance is None:
         raise _stale(name, f"its covariance does not have the {len(named)} rows of the coefficients")
+    _refuse_impossible(named, model, covariance, name)
     return CalibratedArm(
         arm=arm,
         base=_pose(record.base),
@@ -230,6 +235,25 @@ def _record(model: ModelFile, arm: ArmTable, name: str) -> FitEntry:
 
 def _stale(name: str, why: str) -> BadInput:
     return BadInput(f"the fit in the model is not usable: {why}", name, "run `kincal model fit` again")
+
+
+def _refuse_impossible(
+    named: Sequence[tuple[str, str, Parameter]], model: ModelFile, covariance: Floats, file: str
+) -> None:
+    """BadInput for what no fit writes: a value far beyond its prior, another unit, a standard error that is
+    not that of the covariance. All come from editing the file."""
+    for k, (name, effect, parameter) in enumerate(named):
+        (value, std_err), unit, variance = model.values[name], model.units.get(name, ""), covariance[k, k]
+        most = _MOST_SIGMAS * parameter.sigma
+        most = max(most, math.pi) if parameter.unit == "rad" and not effect else most
+        where = f"value[{k + 1}], {name},"
+        if abs(value) > most:
+            raise _stale(file, f"{where} is {value:.6g} {parameter.unit}, up to {most:.3g} can be fitted")
+        if unit and unit != parameter.unit:
+            raise _stale(file, f"{where} is in {unit}, it is fitted in {parameter.unit}")
+        if not math.isclose(std_err**2, variance, rel_tol=_SAME_VARIANCE, abs_tol=1e-300):
+            of_covariance = math.sqrt(max(variance, 0.0))
+            raise _stale(file, f"{where} has std_err {std_err:.6g}, its covariance {of_covariance:.6g}")
 
 
 def _named(arm: ArmTable, model: ModelFile, library: Library, name: str) -> list[tuple[str, str, Parameter]]:

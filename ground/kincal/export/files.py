@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from kincal_shared.errors import BadInput
+from kincal_shared.writing import write_files
 
 from .calibrated import CalibratedArm
 from .dh import dh_table, four_parameter_table
@@ -48,8 +49,7 @@ def export(arm: CalibratedArm, form: Format, path: str | Path, *, keep: tuple[Pa
     files = targets(form, first)
     _check(files, keep)
     texts, left_out = _MAKERS[form](arm, first)
-    for file, text in zip(files, texts, strict=True):
-        _write(file, text)
+    write_files(dict(zip(files, texts, strict=True)))
     return Exported(files, left_out)
 
 
@@ -69,15 +69,8 @@ def _check(files: tuple[Path, ...], keep: tuple[Path, ...]) -> None:
     for file in files:
         if file.resolve() in inputs:
             raise BadInput("is an input of the export", str(file), "choose another name")
-        if file.is_dir() or not file.parent.is_dir():
-            raise BadInput("no file can be written there", str(file), "name a file in a folder that exists")
-
-
-def _write(file: Path, text: str) -> None:
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BadInput(f"cannot be written: {error.strerror}", str(file)) from None
+        if file.is_dir():
+            raise BadInput("this is a directory, a file is to be written", str(file), "add a file name")
 
 
 _Made = tuple[tuple[str, ...], tuple[LeftOut, ...]]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from kincal.flight import library, tables
 from kincal_shared.errors import CommandFailed, NoAnswer
+from kincal_shared.writing import write_file
 
 from . import channels
 from .connection import CommandLink, check_ack, is_ack
@@ -100,5 +101,4 @@ def _received_chunks(link: CommandLink, seq: int, kind: int, deadline_s: float) 
 
 def write_image(image: tables.Image, path: Path) -> None:
     """Write a table image to a file; its folder is made."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(image.data)
+    write_file(path, image.data)

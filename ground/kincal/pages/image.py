@@ -6,11 +6,13 @@ import asyncio
 import logging
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import plotly.graph_objects as go
 
 from kincal.pages import theme
 from kincal_shared.errors import BadInput
+from kincal_shared.writing import write_files
 
 SUFFIXES = (".png", ".svg")
 _TIMEOUT_S = 120.0
@@ -23,17 +25,20 @@ class NoPictures(BadInput):
 def save(figures: Mapping[Path, go.Figure]) -> list[Path]:
     """Write each figure to its path, .png or .svg; one browser serves all. Returns the paths.
 
-    NoPictures when kaleido or a browser is missing, BadInput for another suffix; nothing is written then.
+    NoPictures when kaleido or a browser is missing, BadInput for another suffix or a place that cannot be
+    written; nothing is written then.
     """
     for path in figures:
         if path.suffix not in SUFFIXES:
             raise BadInput(
                 f"a picture is .png or .svg, not {path.suffix or 'a name without suffix'}", str(path)
             )
-        path.parent.mkdir(parents=True, exist_ok=True)
-    if figures:
-        asyncio.run(_save(figures))
-    return list(figures)
+    if not figures:
+        return []
+    with TemporaryDirectory() as folder:
+        drawn = {path: Path(folder) / f"{number}{path.suffix}" for number, path in enumerate(figures)}
+        asyncio.run(_save({drawn[path]: figure for path, figure in figures.items()}))
+        return write_files({path: file.read_bytes() for path, file in drawn.items()})
 
 
 def beside(files: list[Path], figures: Mapping[Path, go.Figure]) -> tuple[list[Path], str]:

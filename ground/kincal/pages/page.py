@@ -17,6 +17,7 @@ from plotly.offline import get_plotlyjs
 from kincal import __version__
 from kincal.pages import theme
 from kincal.pages.glossary import Linker, Term, terms_in
+from kincal_shared.writing import write_file
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 
@@ -184,6 +185,4 @@ def glossary_of(page: Page) -> list[Term]:
 
 def write(page: Page, path: Path) -> Path:
     """Write the page; returns its path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(render(page), "utf-8")
-    return path
+    return write_file(path, render(page))

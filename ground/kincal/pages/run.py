@@ -9,6 +9,7 @@ from pathlib import Path
 from kincal.pages import image, run_figures
 from kincal.pages.page import Cell, Grid, Page, Provenance, Section, Tile, write
 from kincal.results import CoefResult, PoseLine, RunResult, angle_text, length_text
+from kincal_shared.writing import write_file
 
 COEF_COLUMNS = "<coefficient|<unit|true|estimate|1 sigma|error|within 3 sigma|<status"
 POSE_COLUMNS = (
@@ -130,7 +131,9 @@ def write_all(result: RunResult, directory: Path, provenance: Provenance) -> tup
     """summary.html, .json and, where pictures can be made, .png in a directory.
 
     Returns the files, and why there is no picture ("" if there is one)."""
-    data = directory / "summary.json"
-    files = [write(page(result, provenance), directory / "summary.html"), data]
-    data.write_text(json.dumps(result.as_dict(), indent=1, default=float) + "\n", "utf-8")
+    data = json.dumps(result.as_dict(), indent=1, default=float) + "\n"
+    files = [
+        write(page(result, provenance), directory / "summary.html"),
+        write_file(directory / "summary.json", data),
+    ]
     return image.beside(files, {directory / "summary.png": run_figures.sheet(result)})

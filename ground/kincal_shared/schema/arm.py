@@ -100,7 +100,14 @@ class JointEntry(Strict):
     com_m: Place | None = None
     """Centre of mass in the frame of the link [m]."""
     gear_ratio: Real | None = None
-    """Motor turns per joint turn; effects of the motor need it on every joint."""
+    """Motor turns per joint turn, not 0; effects of the motor need it on every joint."""
+
+    @pydantic.field_validator("gear_ratio")
+    @classmethod
+    def _is_a_ratio(cls, ratio: float | None) -> float | None:
+        if ratio == 0.0:
+            raise ValueError("is 0, a joint that turns has a ratio; leave gear_ratio out if it is unknown")
+        return ratio
 
     @pydantic.model_validator(mode="after")
     def _has_limits(self) -> JointEntry:

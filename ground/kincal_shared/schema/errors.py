@@ -17,6 +17,7 @@ from typing import Any
 import pydantic
 
 from kincal_shared.errors import BadInput
+from kincal_shared.reading import file_bytes
 
 from .base import (
     Model,
@@ -74,7 +75,7 @@ class Contradiction(ValueError):
 def utf8_text(path: Path) -> str:
     """The text of a file. BadInput, with the line, if it is in another encoding than UTF-8; OSError if it
     cannot be read."""
-    data = path.read_bytes()
+    data = file_bytes(path)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -122,8 +123,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise BadInput("this is a directory, a TOML file is needed", str(path)) from None
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", str(path)) from None
-    except tomllib.TOMLDecodeError as error:
-        what, todo = _not_toml(text, str(error))
+    except (ValueError, RecursionError) as error:
+        what, todo = _not_toml(text, _why_no_toml(error))
         raise BadInput(what, str(path), todo) from None
 
 
@@ -131,8 +132,14 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     """TOML text as a dict. BadInput with the source's name if it is not TOML."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise BadInput(f"not valid TOML: {error}", source) from None
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"not valid TOML: {_why_no_toml(error)}", source) from None
+
+
+def _why_no_toml(error: ValueError | RecursionError) -> str:
+    if isinstance(error, RecursionError):
+        return "lists or tables are nested too deeply"
+    return str(error) if isinstance(error, tomllib.TOMLDecodeError) else "a number has too many digits"
 
 
 def validate(model: type[Model], doc: dict[str, Any], source: str) -> Model:

@@ -13,6 +13,8 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core.core_schema import ModelSchema
 
+from kincal_shared.writing import write_files
+
 from .arm import ArmFile
 from .base import Strict, model_of
 from .campaign import Campaign
@@ -110,9 +112,4 @@ def _is_noise(key: str, value: Any) -> bool:
 
 def write_json_schemas(folder: Path) -> list[Path]:
     """Write the JSON Schema of every kind of file into a folder; the paths, in order of the names."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name in sorted(FILES):
-        paths.append(folder / f"{name}{SUFFIX}")
-        paths[-1].write_text(json_schema(name), encoding="utf-8")
-    return paths
+    return write_files({folder / f"{name}{SUFFIX}": json_schema(name) for name in sorted(FILES)})

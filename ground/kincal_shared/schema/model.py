@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 import pydantic
@@ -13,6 +14,7 @@ from .names import effect_of, is_unnamed, split_constants
 from .numbers import NotNegative, Real, Vec3
 
 VERSION = 1
+_SAME_CONSTANT = 1e-9  # of a constant, as files round it
 Name = Annotated[str, pydantic.Field(min_length=1)]
 
 
@@ -112,7 +114,7 @@ class FitEntry(Strict):
     """Camera and target, stated or assumed; null unless an effect acts through all points of the target."""
     position_change_mm: dict[str, NotNegative] = {}
     """Effect, or "DH beta" -> RMS change of the position over the poses that it makes [mm]."""
-    covariance: list[list[float]] = []
+    covariance: list[list[Real]] = []
     """Covariance of the coefficients, lower triangle row by row, in their units and order."""
 
 
@@ -162,6 +164,30 @@ class ModelEntry(Strict):
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"names {twice[0]} twice")
         return effects
+
+    @pydantic.model_validator(mode="after")
+    def _values_stand_once(self) -> ModelEntry:
+        names = [entry.name for entry in self.value]
+        for number, name in enumerate(names, 1):
+            if name in names[: number - 1]:
+                raise Contradiction(
+                    f"value[{number}].name", f"is {name}, which stands above already", "take one of them out"
+                )
+        return self
+
+    @pydantic.model_validator(mode="after")
+    def _constants_agree(self) -> ModelEntry:
+        stated = dict(map(split_constants, self.effects))
+        for effect, found in self.constants.items():
+            kept = stated.get(effect) or stated.get(effect_of(effect), {})
+            for key in kept.keys() & found.keys():
+                if not math.isclose(kept[key], found[key], rel_tol=_SAME_CONSTANT):
+                    raise Contradiction(
+                        f'constants."{effect}".{key}',
+                        f"is {found[key]:.9g}, but effects says {key}={kept[key]:.9g}",
+                        "take the table out, and run `kincal model fit` again",
+                    )
+        return self
 
     @pydantic.model_validator(mode="after")
     def _unnamed_have_terms(self) -> ModelEntry:

@@ -12,6 +12,7 @@ from math import isfinite
 from typing import get_args
 
 from .acquisitions import Acquisition
+from .numbers import plain_number
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,7 @@ def split_constants(text: str) -> tuple[str, dict[str, float]]:
     for pair in inside.rstrip(")").split(","):
         key, _, value = (part.strip() for part in pair.partition("="))
         try:
-            constants[key] = float(value)
+            constants[key] = plain_number(value)
         except ValueError:
             constants[key] = float("nan")
     right = inside.endswith(")") and all(key.isidentifier() and isfinite(x) for key, x in constants.items())

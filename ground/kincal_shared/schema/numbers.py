@@ -41,6 +41,14 @@ def evaluate(text: str) -> float:
     raise ValueError(f"cannot work out {text!r}; {_ALLOWED}")
 
 
+def plain_number(text: str) -> float:
+    """A number as other programs write it. ValueError for what only Python takes for one: underscores
+    between digits, digits of other scripts."""
+    if "_" in text or not text.isascii():
+        raise ValueError(text)
+    return float(text)
+
+
 def number(value: Any, where: str = "") -> float:
     """A number as written in a file: int, float or expression text. BadInput with `where` otherwise."""
     if isinstance(value, (int, float)):

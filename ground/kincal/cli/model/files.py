@@ -218,13 +218,13 @@ def uplink_command(
     from kincal.api.models import for_flight
     from kincal.cli.text import model as text
     from kincal.workbench.model.uplink import flight_tables
+    from kincal_shared.writing import write_file
 
     read = given.read if given else None
     made = for_flight(model_path, tables_dir, effect_files, arm_path, read, drop)
     image = made.image
     out = out_path or model_path.with_suffix(".tbl")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_bytes(image.data)
+    write_file(out, image.data)
     click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}; {made.compared}")
     click.echo(f"bounds inside what {tables_dir / 'space.tbl'} was verified for, and a tenth")
     if made.left_out:

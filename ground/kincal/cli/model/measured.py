@@ -220,7 +220,7 @@ def fit_command(
     "--out",
     "-o",
     "out_path",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE_OUT,
     default=None,
     help="Write the poses as CSV: joints, approach direction, tool position.",
 )
@@ -254,6 +254,7 @@ def next_command(
     from kincal.workbench.prediction.measurable import Limits
     from kincal.workbench.prediction.nextposes import poses_csv
     from kincal.workbench.report.answers import poses_json, poses_text
+    from kincal_shared.writing import write_file
 
     boxes = _boxes("--inside", inside), _boxes("--outside", outside)
     check_alternatives(names)
@@ -266,7 +267,7 @@ def next_command(
     limits = Limits(*boxes, clear)
     poses = case.separating_poses(names, count=count, limits=limits)
     if out_path is not None:
-        out_path.write_text(poses_csv(poses), encoding="utf-8")
+        write_file(out_path, poses_csv(poses))
         click.echo(f"{out_path}: {len(poses)} poses", err=as_json)
     click.echo(json.dumps({"next_poses": poses_json(poses)}, indent=1) if as_json else poses_text(poses))
 
@@ -274,10 +275,11 @@ def next_command(
 def _boxes(option: str, texts: Sequence[str]) -> tuple[Box, ...]:
     """Boxes of an option. BadInput names what is not six numbers."""
     from kincal.workbench.prediction.measurable import BOX_TEXT, Box
+    from kincal_shared.schema.numbers import plain_number
 
     def numbers(text: str) -> list[float]:
         try:
-            return [float(x) for x in text.split(",")]
+            return [plain_number(x) for x in text.split(",")]
         except ValueError:
             raise BadInput(f"{option} {text}: not numbers", todo=BOX_TEXT) from None
 

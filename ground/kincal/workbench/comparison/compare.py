@@ -11,7 +11,7 @@ import numpy as np
 from kincal_shared.errors import BadInput, CannotAnswer
 from kincal_shared.schema.arm import ArmTable
 
-from ..consistency import Check, check
+from ..consistency import Check, check, reach_m
 from ..data.measurements import Measurements
 from ..data.split import Split, choose_split
 from ..evidence.adequacy import (
@@ -206,7 +206,8 @@ def still_joints(data: Measurements) -> tuple[int, ...]:
 
 
 def check_units(arm: ArmTable, data: Measurements) -> None:
-    """BadInput where joint angles look like degrees or positions like millimetres."""
+    """BadInput where most joint angles look like degrees or most positions like millimetres; a few rows are
+    outliers to the fit, and `check` names them."""
     found = [*_degrees(arm, data), *_millimetres(arm, data)]
     if found:
         raise BadInput(f"{data.source}: " + "; ".join(found))
@@ -225,8 +226,8 @@ def _degrees(arm: ArmTable, data: Measurements) -> list[str]:
 
 
 def _millimetres(arm: ArmTable, data: Measurements) -> list[str]:
-    reach = sum(abs(j.a_m) + abs(j.d_m) for j in arm.joints) + np.linalg.norm(arm.tool.xyz_m)
-    spread = float(np.linalg.norm(data.p_m - data.p_m.mean(axis=0), axis=1).max())
+    reach = reach_m(arm)
+    spread = float(np.median(np.linalg.norm(data.p_m - np.median(data.p_m, axis=0), axis=1)))
     if reach <= 0 or spread <= 20.0 * reach:
         return []
     return [

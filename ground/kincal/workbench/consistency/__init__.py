@@ -8,5 +8,6 @@ columns in another order, a joint's sign, degrees, millimetres, the other DH con
 from .check import Check, check, refuse
 from .findings import Finding
 from .models import refuse_model_of_other_arm
+from .units import reach_m
 
-__all__ = ["Check", "Finding", "check", "refuse", "refuse_model_of_other_arm"]
+__all__ = ["Check", "Finding", "check", "reach_m", "refuse", "refuse_model_of_other_arm"]

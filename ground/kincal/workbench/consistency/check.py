@@ -20,6 +20,7 @@ from .reading import Reading
 from .recorded import of_data
 from .search import FOUND, GOOD_MISFIT, Search, changed, without
 from .sentences import READINGS, misread, signs
+from .units import mixed_units
 
 _MOST_MISFIT = 0.05  # of the motion, left by a fit of all DH errors: the poses are not of this arm
 _LARGE = {"rad": 0.1, "m": 0.05}  # a DH correction that is large for the arm that the table describes
@@ -75,14 +76,16 @@ def check(arm: ArmTable, data: Measurements, *, thorough: bool = True) -> Check:
 @lru_cache(maxsize=4)
 def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
     found, left = list(of_data(arm, data)), None
+    mixed = mixed_units(arm, data)
+    found += mixed
     if data.n >= LEAST_POSES:
         search = Search(arm, data, thorough)
         left = search.misfit(search.given)
-        if thorough or left > GOOD_MISFIT:
+        if not mixed and (thorough or left > GOOD_MISFIT):  # no reading of the whole file puts it right
             found += _of_fit(search)
     else:
         found.append(_too_few(data))
-    if any(finding.why.startswith(READINGS) for finding in found):
+    if mixed or any(finding.why.startswith(READINGS) for finding in found):
         found = [finding for finding in found if finding.code != "outside_limits"]  # which that explains
     return Check(arm.name, data.source, data.n, _finite(left), tuple(sorted(found, key=_rank)))
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -25,6 +23,7 @@ from kincal_shared.schema.model import (
     UnnamedEntry,
 )
 from kincal_shared.schema.names import effect_of, split_constants, with_constants
+from kincal_shared.writing import write_file
 
 from ..numerics.types import Array
 
@@ -164,19 +163,9 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
 
 
 def write_model(path: str | Path, model: ModelFile) -> None:
-    """Write whole or not at all (new file, then rename)."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(
-        "w", dir=path.parent, prefix=path.name, suffix=".new", delete=False, encoding="utf-8"
-    ) as file:
-        file.write(
-            "\n".join(
-                [*_in_use(model), *_unnamed(model), *_history(model), *_of_last_fit(model), *_fit(model.fit)]
-            )
-            + "\n"
-        )
-    os.replace(file.name, path)
+    """Write whole or not at all. BadInput if it cannot be written."""
+    lines = [*_in_use(model), *_unnamed(model), *_history(model), *_of_last_fit(model), *_fit(model.fit)]
+    write_file(Path(path), "\n".join(lines) + "\n")
 
 
 def _in_use(model: ModelFile) -> list[str]:

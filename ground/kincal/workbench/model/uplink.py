@@ -15,6 +15,7 @@ from kincal.flight.terms import Coefficient, fill_terms
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.arm import ArmTable
 from kincal_shared.schema.names import PNP, is_unnamed
+from kincal_shared.writing import write_files
 
 from . import capacity
 from .effects import Hypothesis
@@ -308,10 +309,7 @@ def flight_tables(source: Path, out: Path, terms: tables.Image) -> list[Path]:
     images = sorted(source.glob("*.tbl"))
     if not images:
         raise BadInput(f"{source}: holds no table image (*.tbl)")
-    out.mkdir(parents=True, exist_ok=True)
     kin = library("flight").new("kc_kin_t")
     kin.n_coef = tables.decode_as("terms", terms.data)[1].n_coef
     new = {"terms.tbl": terms.data, "kin.tbl": tables.encode("kin", kin).data}
-    for image in images:
-        (out / image.name).write_bytes(new.get(image.name) or image.read_bytes())
-    return [out / image.name for image in images]
+    return write_files({out / image.name: new.get(image.name) or image.read_bytes() for image in images})

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kincal_shared.errors import BadInput
+from kincal_shared.reading import refuse_stream
 from kincal_shared.schema.arm import ArmTable
 from kincal_shared.schema.datamap import DataMap
 
@@ -80,6 +81,7 @@ def _read(path: Path, joints: Joints, mapping: DataMap, skip_bad: bool, session:
 def _existing(path: Path) -> Path:
     if not path.exists():
         raise BadInput(f"{path}: no such file")
+    refuse_stream(path, "measurements are read more than once")
     return path
 
 

@@ -113,15 +113,22 @@ def _table(path: str, arrays: dict[str, NDArray[Any]]) -> Table:
 
 
 def _parts(name: str, values: NDArray[Any]) -> Iterator[tuple[str, Column]]:
-    """Columns of an array (N, ...), row by row."""
-    if values.dtype.kind in "US":
-        yield name, [str(text) for text in values]
-        return
-    flat = np.asarray(values, dtype=float).reshape(len(values), -1)
+    """Columns of an array (N, ...), row by row. What is no real number (complex ones, dates) becomes texts:
+    who needs it as a number refuses it by row."""
+    if values.dtype.kind in "fiub":
+        rows = np.asarray(values, dtype=float).reshape(len(values), -1)
+        columns: list[Column] = list(rows.T)
+    else:
+        rows = values.reshape(len(values), -1)
+        columns = [[_text(value) for value in column] for column in rows.T]
     if values.ndim == 1:
-        yield name, flat[:, 0]
+        yield name, columns[0]
         return
     names = _PARTS.get(name, ())
-    if len(names) != flat.shape[1]:
-        names = tuple(f"{name}{k}" for k in range(1, flat.shape[1] + 1))
-    yield from zip(names, flat.T, strict=True)
+    if len(names) != len(columns):
+        names = tuple(f"{name}{k}" for k in range(1, len(columns) + 1))
+    yield from zip(names, columns, strict=True)
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

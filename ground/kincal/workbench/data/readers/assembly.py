@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from kincal_shared.errors import BadInput
-from kincal_shared.schema.arm import MOST_GRAVITY_M_S2
 from kincal_shared.schema.datamap import RECORDED, DataMap
 
 from ...numerics.types import Array, Mask
 from ..measurements import Measurements, replicate_groups
 from .columns import Columns, quaternions, unit
+from .ranges import RANGES, unusable_variance
 from .table import Joints, Table
 from .targets import TargetPoses, target_poses
 
@@ -31,8 +31,8 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
     quat = quaternions(columns, mapping.rotation) if "rotation" in values else targets.quat_wxyz
     if "cam" in values:
         values["cam"][:, 3:] = unit(columns, values["cam"][:, 3:], "cqw,cqx,cqy,cqz")
-    _check_sizes(columns)
     _check_signs(columns)
+    _check_sizes(columns)
     cov = _covariance(columns, quat is not None, targets)
     _check_texts(columns)
     problems = list(columns.problems())
@@ -95,31 +95,17 @@ def _scalar(columns: Columns, key: str, good: Mask) -> Array | None:
 # --------------------------------------------------------------------------- checks of rows
 
 
-# Largest numbers that can be meant, in SI units: beyond them a cell is a slip, or of another kind.
-_MOST = {
-    "q": (1e4, "rad or m", "counts of an encoder have to be converted"),
-    "qdot": (1e4, "rad/s or m/s", ""),
-    "p": (1e7, "m", ""),
-    "range_m": (1e7, "m", ""),
-    "g": (MOST_GRAVITY_M_S2, "m/s^2", "mm/s^2 have to be converted"),
-    "temp_c": (1e4, "deg C", ""),
-    "payload_kg": (1e7, "kg", ""),
-}
-
-
 def _check_sizes(columns: Columns) -> None:
+    plan = columns.plan()
     for key, values in columns.values.items():
-        known = "p" if key.startswith("target ") else key
-        if known not in _MOST:
+        known = RANGES.get("p" if key.startswith("target ") else key)
+        if known is None:
             continue
-        most, unit_name, hint = _MOST[known]
-        size = np.abs(values)
-        names = columns.plan()[key]
-        wrong = np.asarray((size > most).any(axis=1), dtype=np.bool_)
-        columns.refuse(wrong, (
-            f"{names[j]} is {values[k, j]:.6g} {unit_name}, up to {most:g} are possible"
-            + (f" ({hint})" if hint else "")
-            for k in np.flatnonzero(wrong) for j in [int(size[k].argmax())]
+        outside = known.wrong(values)
+        rows = np.asarray(outside.any(axis=1), dtype=np.bool_)
+        columns.refuse(rows, (
+            known.why(plan[key][j], values[k, j])
+            for k in np.flatnonzero(rows) for j in [int(outside[k].argmax())]
         ))  # fmt: skip
 
 
@@ -128,6 +114,10 @@ def _check_signs(columns: Columns) -> None:
         sigma = columns.values[key][:, 0]
         wrong = sigma <= 0.0
         columns.refuse(wrong, (f"{key} is {x:g}, more than 0 is needed" for x in sigma[wrong]))
+    if "replicate" in columns.values:
+        group = columns.values["replicate"][:, 0]
+        part = np.asarray(np.isfinite(group) & (group != np.round(group)), dtype=np.bool_)
+        columns.refuse(part, (f"replicate is {x:g}, a whole number is needed" for x in group[part]))
     if "dir" in columns.values:
         allowed = np.isin(columns.values["dir"], (-1.0, 0.0, 1.0))
         other = np.asarray(~allowed.all(axis=1), dtype=np.bool_)
@@ -166,7 +156,7 @@ def _covariance(columns: Columns, with_rotation: bool, targets: TargetPoses) -> 
     if with_rotation and "sr_rad" not in values:
         raise BadInput(f"{source}: sp_m and sr_rad go together when orientations are given")
     sr = values["sr_rad"][:, 0] if "sr_rad" in values else np.ones_like(sp)
-    sigma = np.repeat(np.column_stack([sp, sr]), 3, axis=1)
+    sigma = np.repeat(np.where(columns.good()[:, None], np.column_stack([sp, sr]), 1.0), 3, axis=1)
     cov: Array = sigma[:, :, None] ** 2 * np.eye(6)
     return cov
 
@@ -180,6 +170,9 @@ def _of_triangle(columns: Columns, upper: Array) -> Array:
     lowest = np.linalg.eigvalsh(np.where(finite[:, None, None], cov, np.eye(6)))[:, 0]
     wrong = lowest <= 0.0
     columns.refuse(wrong, ("covariance c11..c66 is not positive definite" for _ in range(int(wrong.sum()))))
+    beyond = unusable_variance(cov) & finite
+    reason = "covariance c11..c66 has a variance of no instrument"
+    columns.refuse(beyond, (reason for _ in range(int(beyond.sum()))))
     return cov
 
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.datamap import COUNT, SCALARS, TEXTS, DataMap, Names, RotationEntry
+from kincal_shared.schema.numbers import plain_number
 from kincal_shared.schema.suggestions import nearest_name
 
 from ...numerics.types import Array, Mask, array
@@ -248,7 +249,7 @@ def _number(cell: str, comma: bool) -> float:
     if comma:
         cell = "?" if "." in cell else cell.replace(",", ".")
     try:
-        return float(cell)
+        return plain_number(cell)
     except ValueError:
         return math.nan
 

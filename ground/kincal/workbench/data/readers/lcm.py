@@ -12,11 +12,11 @@ from kincal_shared.errors import BadInput
 
 from ...numerics.types import Array
 from ..measurements import Measurements, replicate_groups
+from .ranges import RANGES, unusable_variance
 
 if TYPE_CHECKING:
     from kincal.link.messages import Meas
 
-_MOST_RAD, _MOST_M = 1e4, 1e7  # as of a text file: larger numbers are slips
 _UNIT_TOLERANCE = 1e-3  # of the norm of a quaternion
 _SYNC = bytes.fromhex("eda1da01")  # first word of an LCM event log
 
@@ -94,19 +94,23 @@ _NUMBERS = (
     "q_rad", "dq_rad_s", "p_m", "q_wxyz", "cov", "p_cam_m", "q_cam_wxyz", "g_m_s2", "temp_c", "payload_kg",
     "range_m", "incid_rad", "u_px", "v_px", "pan_rad", "tilt_rad",
 )  # fmt: skip
+_SCALARS = tuple(name for name in _NUMBERS if name in RANGES)
 
 
 def _refuse_damaged(rows: Sequence[Meas], n_joints: int, where: str) -> None:
     """BadInput names the first measurement whose numbers cannot be used."""
     for m in rows:
         wrong = [name for name in _NUMBERS if not np.isfinite(getattr(m, name)).all()]
-        wrong += [f"q_rad ({x:g} rad)" for x in m.q_rad[:n_joints] if abs(x) > _MOST_RAD]
-        wrong += [f"p_m ({x:g} m)" for x in m.p_m if abs(x) > _MOST_M]
+        wrong += [f"q_rad ({x:g} rad)" for x in m.q_rad[:n_joints] if RANGES["q"].wrong(x)]
+        wrong += [f"p_m ({x:g} m)" for x in m.p_m if RANGES["p"].wrong(x)]
+        wrong += [RANGES[name].why(name, x) for name in _SCALARS if RANGES[name].wrong(x := getattr(m, name))]
         for name in ("q_wxyz", "q_cam_wxyz"):
             if not wrong and abs(np.linalg.norm(getattr(m, name)) - 1.0) > _UNIT_TOLERANCE:
                 wrong.append(f"{name} (norm {np.linalg.norm(getattr(m, name)):.4g})")
         if not wrong and np.linalg.eigvalsh(_covariance([m])[0])[0] <= 0.0:
             wrong.append("cov (not positive definite)")
+        if not wrong and unusable_variance(_covariance([m]))[0]:
+            wrong.append("cov (a variance of no instrument)")
         if wrong:
             raise BadInput(
                 f"{where}: the measurement of pose {m.pose} is damaged: {', '.join(wrong[:4])}",

@@ -12,11 +12,12 @@ from kincal_shared.schema.errors import utf8_text
 from .table import Joints, Table
 
 _SEPARATORS = (",", ";", "\t")
+_LONGEST = 100_000  # characters of a line, less than the module csv takes in one value
 
 
 def read_text(path: str, mapping: DataMap, joints: Joints) -> Table:
     """The rows of a text file. BadInput if there are none, or a column has the name of another."""
-    lines = _lines(path, joints.n)
+    lines, long = _not_too_long(path, _lines(path, joints.n))
     separator = mapping.text.separator or _separator(lines[0][1])
     rows = [(number, _cells(line, separator)) for number, line in lines]
     if mapping.text.header:
@@ -34,10 +35,13 @@ def read_text(path: str, mapping: DataMap, joints: Joints) -> Table:
         row="line",
         numbers=[number for number, _ in good],
         columns={name: [cells[k] for _, cells in good] for k, name in enumerate(header)},
-        malformed=tuple(
-            (number, f"has {len(cells)} values, the header names {len(header)}")
-            for number, cells in rows
-            if len(cells) != len(header)
+        malformed=(
+            *long,
+            *(
+                (number, f"has {len(cells)} values, the header names {len(header)}")
+                for number, cells in rows
+                if len(cells) != len(header)
+            ),
         ),
         # Between commas a decimal comma cannot stand.
         decimal=mapping.text.decimal or ("." if separator == "," else None),
@@ -58,6 +62,21 @@ def _lines(path: str, n_joints: int) -> list[tuple[int, str]]:
     if not found:
         raise BadInput(f"{path}: is empty; a header row with q1..q{n_joints},px,py,pz is needed")
     return found
+
+
+def _not_too_long(
+    path: str, lines: list[tuple[int, str]]
+) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+    """The lines that can be taken apart, and (number, reason) of the others. BadInput if the first is one of
+    these."""
+    long = [
+        (number, f"has {len(line)} characters, up to {_LONGEST} are read")
+        for number, line in lines
+        if len(line) > _LONGEST
+    ]
+    if long and long[0][0] == lines[0][0]:
+        raise BadInput(f"{path}: line {long[0][0]}: {long[0][1]}", todo="name a file with a header row")
+    return [(number, line) for number, line in lines if len(line) <= _LONGEST], long
 
 
 def _separator(header: str) -> str:

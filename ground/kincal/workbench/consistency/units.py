@@ -1,0 +1,135 @@
+"""Rows or columns of a file that are in another unit than its others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from kincal_shared.schema.arm import ArmTable
+
+from ..data.measurements import Measurements
+from ..numerics.types import Array, Mask
+from .findings import Finding
+from .misfit import LEAST_POSES, misfit
+
+_DEGREE = math.pi / 180.0
+_MILLIMETRE = 1e-3
+_FACTOR = 20.0  # times farther than the others, or than the arm reaches: another unit, no motion
+_NEAR = 2.5  # times the reach, within which poses of one arm are to each other
+_SMALL = 0.05  # of the reach: shorter positions say nothing of the unit
+_TURNS = 2.2 * math.pi  # [rad] that readings in radians hardly exceed
+_BEYOND = 0.1  # [rad] outside a limit that counts
+_MOST_JOINTS = 0.5  # of the joints of a row outside their limits: the row is in degrees
+_MOST_ROWS = 0.3  # of the rows outside the limits of a joint: the column may be
+_BETTER = 5.0  # times that the arm has to explain the poses better with a column in degrees
+_NAMED = 12  # poses in a sentence
+
+
+def mixed_units(arm: ArmTable, data: Measurements) -> tuple[Finding, ...]:
+    """Poses, or columns, in millimetres or degrees beside others in metres and radians."""
+    return (*_rows(data, millimetre_rows(arm, data), "millimetres", "metres", "px,py,pz", "--units mm"),
+            *_rows(data, degree_rows(arm, data), "degrees", "radians", "the joint readings", "--units deg"),
+            *_column_in_millimetres(arm, data),
+            *_columns_in_degrees(arm, data))  # fmt: skip
+
+
+def reach_m(arm: ArmTable) -> float:
+    """How far the tool can be from the base, at most [m]."""
+    slide = sum(max(abs(j.q_min), abs(j.q_max)) for j in arm.joints if j.prismatic)
+    return float(sum(abs(j.a_m) + abs(j.d_m) for j in arm.joints) + slide + np.linalg.norm(arm.tool.xyz_m))
+
+
+def millimetre_rows(arm: ArmTable, data: Measurements) -> Mask:
+    """(N,) poses that are where the others are if their positions are millimetres; none if all are alike."""
+    reach = reach_m(arm)
+    size = np.maximum(np.linalg.norm(data.p_m, axis=1), _SMALL * reach)
+    ordered = np.sort(size)
+    if data.n < 2 or reach <= 0.0 or (ratio := ordered[1:] / ordered[:-1]).max() < _FACTOR:
+        return np.zeros(data.n, dtype=np.bool_)
+    far = np.asarray(size > ordered[int(ratio.argmax())], dtype=np.bool_)
+    if far.mean() > 0.5 and _spread(data.p_m[far]) < _NEAR * reach:  # far away, and of one arm
+        return np.zeros(data.n, dtype=np.bool_)
+    middle = np.median(data.p_m[~far], axis=0)
+    there = np.linalg.norm(_MILLIMETRE * data.p_m - middle, axis=1) <= _NEAR * reach
+    return np.asarray(far & there, dtype=np.bool_)
+
+
+def _spread(p_m: Array) -> float:
+    """Median distance from the middle."""
+    return float(np.median(np.linalg.norm(p_m - np.median(p_m, axis=0), axis=1)))
+
+
+def degree_rows(arm: ArmTable, data: Measurements) -> Mask:
+    """(N,) poses most of whose readings are outside their limits, and inside if they are degrees; none if
+    all are."""
+    turning = np.array([not joint.prismatic for joint in arm.joints])
+    if not turning.any():
+        return np.zeros(data.n, dtype=np.bool_)
+    q = data.q[:, turning]
+    most = _outside(arm, data.q)[:, turning].mean(axis=1) >= _MOST_JOINTS
+    inside = ~_outside(arm, data.q * np.where(turning, _DEGREE, 1.0)).any(axis=1)
+    found = most & inside & (np.abs(q).max(axis=1) > _TURNS)
+    return np.asarray(found & ~found.all(), dtype=np.bool_)
+
+
+def _outside(arm: ArmTable, q: Array) -> Mask:
+    """(N, n) readings outside the limits of the arm table."""
+    limits = np.array([[joint.q_min, joint.q_max] for joint in arm.joints])
+    return np.asarray((q < limits[:, 0] - _BEYOND) | (q > limits[:, 1] + _BEYOND), dtype=np.bool_)
+
+
+def _rows(data: Measurements, found: Mask, unit: str, ours: str, what: str, option: str) -> Iterator[Finding]:
+    """The finding for rows in another unit; those that are fewer are named."""
+    if not found.any():
+        return
+    count, most = int(found.sum()), bool(found.mean() > 0.5)
+    names = [name for name, other in zip(data.ids, found, strict=True) if other != most]
+    shown = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+    rest = f", the others like {ours}" if most else ""
+    factor = "1000" if unit == "millimetres" else "180/pi"
+    todo = f"multiply {what} of these {len(names)} rows by {factor} and add {option}" if most else (
+        f"divide {what} of these rows by {factor}")  # fmt: skip
+    yield Finding(
+        unit,
+        f"{count} of {data.n} poses look like {unit} ({what}){rest}: ids {shown}",
+        f"{todo}, or leave them out: --exclude {','.join(names)}",
+        poses=tuple(names),
+    )
+
+
+def _column_in_millimetres(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
+    reach = reach_m(arm)
+    low, high = np.quantile(data.p_m, [0.1, 0.9], axis=0)
+    far = high - low > _FACTOR * reach
+    if reach <= 0.0 or not far.any() or far.all():
+        return
+    if ((high - low) * np.where(far, _MILLIMETRE, 1.0) <= _NEAR * reach).all():
+        names = ", ".join(name for name, other in zip(("px", "py", "pz"), far, strict=True) if other)
+        yield Finding("millimetres", f"{names} of the measured positions look like millimetres, the others "
+                      "like metres", f"divide {names} by 1000")  # fmt: skip
+
+
+def _columns_in_degrees(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
+    """Columns that leave their limits unless they are degrees, where the arm then explains the poses."""
+    turning = np.array([not joint.prismatic for joint in arm.joints])
+    outside = _outside(arm, data.q).mean(axis=0) >= _MOST_ROWS
+    found = turning & outside & (np.abs(data.q).max(axis=0) > _TURNS)
+    if not found.any() or (found == turning).all() or data.n < LEAST_POSES:
+        return
+    read = replace(data, q=data.q * np.where(found, _DEGREE, 1.0), whole=None)
+    before, after = misfit(arm, data), misfit(arm, read)
+    if not after * _BETTER <= before:
+        return
+    size = f"{before / after:.0f} times" if math.isfinite(before) else "far"
+    joints = ", ".join(str(j + 1) for j in np.flatnonzero(found))
+    columns = ", ".join(f"q{j + 1}" for j in np.flatnonzero(found))
+    yield Finding(
+        "degrees",
+        f"the readings of joint {joints} seem to be in degrees, the others in radians: the arm then explains "
+        f"the poses {size} better",
+        f"multiply {columns} by pi/180: --units is for all columns",
+        before / after,
+    )

@@ -1,0 +1,90 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+
+from kincal_shared.errors import BadInput
+
+_LETTERS = 50  # of its name that a file begun has, as names have a largest length
+_FULL = "free space there, or name a place on another disk"
+TODO = {
+    errno.ENOSPC: _FULL,
+    errno.EDQUOT: _FULL,
+    errno.EFBIG: "raise the limit of the size of files (`ulimit -f`), or name a place on another disk",
+}
+"""What to do about the errors that say there is no room."""
+
+
+def write_file(path: Path, content: str | bytes) -> Path:
+    """Write one file, as write_files does; returns its path."""
+    return write_files({path: content})[0]
+
+
+def write_files(contents: Mapping[Path, str | bytes]) -> list[Path]:
+    """Write files (text as UTF-8), making their folders: all of them, or BadInput and what was there before.
+
+    Each is written beside its place under another name, with the access rights of the file that it
+    replaces, and renamed when all of them are complete. Pipes and devices are written as they are.
+    """
+    begun: dict[Path, Path] = {}
+    made: list[Path] = []
+    for path, content in contents.items():
+        try:
+            _begin(path, content.encode("utf-8") if isinstance(content, str) else content, begun, made)
+        except BaseException as error:
+            _undo(begun, made)
+            raise (cannot_write(path, error) if isinstance(error, OSError) else error) from None
+    for place, new in list(begun.items()):
+        try:
+            os.replace(new, place)
+            del begun[place]
+        except OSError as error:
+            _undo(begun, made)
+            raise cannot_write(place, error) from None
+    return list(contents)
+
+
+def cannot_write(path: Path | str, error: OSError) -> BadInput:
+    """What to report of a file that could not be written."""
+    why = error.strerror or str(error)
+    return BadInput(f"cannot be written: {why}", str(path), TODO.get(error.errno or 0, "name another place"))
+
+
+def _begin(path: Path, data: bytes, begun: dict[Path, Path], made: list[Path]) -> None:
+    """Write the data under another name, and note that; `made` takes up folders that were not there."""
+    if is_stream(path):
+        path.write_bytes(data)
+        return
+    place = path.resolve()  # a link stays one
+    missing = [folder for folder in place.parents if not folder.exists()]
+    for folder in reversed(missing):
+        folder.mkdir(exist_ok=True)
+        made.append(folder)
+    begun[place] = new = place.with_name(f".{place.name[:_LETTERS]}.{secrets.token_hex(4)}.new")
+    with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as file:
+        if place.exists():
+            os.fchmod(file.fileno(), place.stat().st_mode & 0o7777)
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())  # a full disk is sometimes noticed only here
+
+
+def is_stream(path: Path) -> bool:
+    """A pipe or device, or what this process has open already: nothing can take its place."""
+    other = path.exists() and not path.is_file() and not path.is_dir()
+    return other or str(path).startswith(("/dev/std", "/dev/fd/", "/proc/"))
+
+
+def _undo(begun: Mapping[Path, Path], made: list[Path]) -> None:
+    for new in begun.values():
+        with contextlib.suppress(OSError):
+            new.unlink()
+    for folder in reversed(made):
+        with contextlib.suppress(OSError):  # what another program has put something into stays
+            folder.rmdir()
