@@ -4,6 +4,7 @@ import json
 import re
 import shlex
 import tomllib
+from operator import itemgetter
 from types import SimpleNamespace
 
 import numpy as np
@@ -69,16 +70,15 @@ def test_commands_of_a_diagnosis_of_a_real_set_give_what_it_promises(name, tmp_p
     promised = answer["errors"]
     assert [row["model"] for row in promised[:2]] == ["nominal", "DH"]
     assert len(promised) > 2, "a real arm has more than DH errors"
-    assert held_out(fits[0]) == promised[:2]
+    number = itemgetter("model", "pos_mm", "rot_mrad")
+    assert [number(row) for row in held_out(fits[0])] == [number(row) for row in promised[:2]]
     assert fits[0]["rms"]["held"] == {key: promised[1][key] for key in ("pos_mm", "rot_mrad")}
     # smooth functions, where they are advised too, come after what has a name, and may explain outliers
     got = held_out(fits[-1])
-    for given, wanted in zip(got, promised, strict=False):
-        if len(got) > len(promised):
-            wanted["without_outliers"] = given["without_outliers"]
-        assert given == wanted
+    assert [number(row) for row in got[: len(promised)]] == [number(row) for row in promised]
     assert answer["remainder"]["held"] == {key: promised[-1][key] for key in ("pos_mm", "rot_mrad")}
     if len(got) == len(promised):
+        assert got == promised
         assert fits[-1]["rms"]["held"] == answer["remainder"]["held"]
     found = {e["name"]: e["constants"] for e in answer["effects"] if e["in_model"]}
     assert dict(map(split_constants, answer["advised"]["add"])) == {
@@ -246,7 +246,9 @@ def test_an_effect_at_all_joints_takes_the_place_of_that_at_one(loose, tmp_path,
     found = wb.choose_constants(library, ["backlash"], arm, data, joined=True)
     advice_ = advised(arm, data, library, ["backlash[4]"], found, dh=True)
     comparison = compare(arm, data, given)
-    d = SimpleNamespace(advised=advice_, comparison=comparison, outliers=comparison.outliers, novel=None)
+    d = SimpleNamespace(
+        advised=advice_, comparison=comparison, outliers=comparison.outliers, effects=(), novel=None
+    )
     inputs = advice.Inputs(str(loose[1]), ("--data", str(loose[3])), "M.toml")
     commands = [step.command for step in advice.next_steps(d, (), inputs)]
     assert [command.split()[2] for command in commands] == ["remove", "add", "fit", "export"]
