@@ -13,6 +13,7 @@ import kcm
 from kincal import review
 from kincal.api import reviews
 from kincal.cli import main
+from kincal.cli.review import _keys_option
 from kincal.flight.tables import decode_as
 from kincal.link import LogEvent, LogSummary, Session
 from kincal.link.eventfile import event_bytes
@@ -360,6 +361,14 @@ def test_a_correction_is_in_the_newest_recording_that_proposes_it(tmp_path):
 
 
 # ------------------------------------------------------------------------------- on the command line
+
+
+def test_commands_about_a_run_are_given_with_its_keys_unless_others_were_named(tmp_path):
+    log, beside = tmp_path / "run.lcmlog", tmp_path / journal.RUN_KEYS
+    assert _keys_option(keys.DEFAULT, log) == ""
+    beside.write_text("")
+    assert _keys_option(keys.DEFAULT, log) == f" --keys {beside}"
+    assert _keys_option(tmp_path / "mine", log) == f" --keys {tmp_path}/mine"
 
 
 def test_review_show_needs_a_log_or_the_link(tmp_path):
