@@ -289,6 +289,8 @@ WRONG = {
     "tag 7": (added(tag="7"), ["line 2", "tag is 7, up to 1"]),
     "a time of 1e300 s": (added(t_s="1e300"), ["line 2", "t_s is 1e+300 s"]),
     "half a replicate": (added(replicate="1.5"), ["line 2", "replicate is 1.5, a whole number"]),
+    "a group of unrelated poses": (added(replicate="7"),
+                                   ["line 3", "replicate 7", "differs by", "one commanded pose"]),
     "replicate 1e300": (added(replicate="1e300"), ["line 2", "replicate is 1e+300"]),
     "noise whose square is 0": (added(sp_m="1e-300", sr_rad="0.001"), ["line 2", "sp_m is 1e-300 m"]),
     "noise whose square is infinite": (added(sp_m="0.001", sr_rad="1e300"), ["line 2", "sr_rad is 1e+300"]),

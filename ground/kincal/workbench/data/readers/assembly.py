@@ -17,6 +17,7 @@ from .table import Joints, Table
 from .targets import TargetPoses, target_poses
 
 _SHOWN = 10  # malformed rows that an error lists
+_APART = 0.05  # [rad or m] between readings of one commanded pose: no controller misses it by that
 _NO_TARGETS = TargetPoses(np.zeros((0, 3)), None, None)
 
 
@@ -118,10 +119,28 @@ def _check_signs(columns: Columns) -> None:
         group = columns.values["replicate"][:, 0]
         part = np.asarray(np.isfinite(group) & (group != np.round(group)), dtype=np.bool_)
         columns.refuse(part, (f"replicate is {x:g}, a whole number is needed" for x in group[part]))
+        _check_groups(columns, group)
     if "dir" in columns.values:
         allowed = np.isin(columns.values["dir"], (-1.0, 0.0, 1.0))
         other = np.asarray(~allowed.all(axis=1), dtype=np.bool_)
         columns.refuse(other, ("dir1.. must be -1, 0 or +1" for _ in range(int(other.sum()))))
+
+
+def _check_groups(columns: Columns, group: Array) -> None:
+    """Poses of one group are measurements of one commanded pose: else their differences are no noise."""
+    q = columns.values["q"]
+    usable = np.isfinite(group) & np.isfinite(q).all(axis=1)
+    first = {g: k for k, g in reversed([*enumerate(group)]) if usable[k]}
+    apart = np.zeros(q.shape)
+    for k in np.flatnonzero(usable):
+        apart[k] = np.abs(q[k] - q[first[group[k]]])
+    wrong = np.asarray((apart > _APART).any(axis=1), dtype=np.bool_)
+    names = columns.plan()["q"]
+    columns.refuse(wrong, (
+        f"replicate {group[k]:g} has poses of which {names[j]} differs by {apart[k, j]:.3g}: a group holds "
+        "measurements of one commanded pose"
+        for k in np.flatnonzero(wrong) for j in [int(apart[k].argmax())]
+    ))  # fmt: skip
 
 
 def _check_texts(columns: Columns) -> None:
