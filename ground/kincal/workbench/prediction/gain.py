@@ -66,7 +66,7 @@ def _sums(values: Array, groups: Groups | None) -> tuple[Array, Array]:
     if groups is None:
         return values, np.ones(len(values))
     _, number = np.unique(groups, return_inverse=True)
-    return np.bincount(number, values), np.bincount(number).astype(float)
+    return array(np.bincount(number, values)), array(np.bincount(number))
 
 
 def _drawn(count: int) -> Indices:

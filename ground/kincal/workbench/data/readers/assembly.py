@@ -63,6 +63,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         replicate=replicate_groups(q) if replicate is None else replicate.astype(int),
         skipped=tuple(problems),
         duplicates=0,  # counted when all files are joined
+        rounded=0,
         unknown_columns=tuple(name for name in table.columns if name not in columns.used),
         notes=(*table.notes, *targets.notes),
         whole=None,
