@@ -281,7 +281,8 @@ def _together(groups: Groups | None, n: int, held: Measurements) -> Groups | Non
         return None
     own = np.arange(n) if groups is None else groups
     theirs = np.arange(held.n) if held.repeats is None else held.repeats
-    return np.concatenate([own, theirs + (int(own.max()) + 1)])
+    together: Groups = np.concatenate([own, theirs + own.max() + 1])
+    return together
 
 
 def _square(r: Array) -> Array:
