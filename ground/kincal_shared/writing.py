@@ -61,7 +61,7 @@ def _begin(path: Path, data: bytes, begun: dict[Path, Path], made: list[Path]) -
     if is_stream(path):
         path.write_bytes(data)
         return
-    place = path.resolve()  # a link stays one
+    place = Path(os.path.realpath(path))  # a link stays one, unless it leads to itself
     missing = [folder for folder in place.parents if not folder.exists()]
     for folder in reversed(missing):
         folder.mkdir(exist_ok=True)

@@ -487,6 +487,49 @@ def test_poses_that_a_file_keeps_back_are_outliers_where_they_are_grossly_off(ar
     assert found.rms["held"][0] > 0.05 > 0.01 > found.errors_without(found.outliers.ids)["DH"][0]
 
 
+def kept_back(tmp_path, seed, moved_rad=0.0):
+    """Sixty poses of which the file keeps back the last twenty, joint 3 moved before these."""
+    count = iter(range(10**6))
+
+    def true_q(q, direction):
+        return q + moved_rad * np.array([0, 0, next(count) % 60 >= 40, 0, 0, 0, 0])
+
+    return replace(measure(tmp_path, 60, seed, true_q), split=np.where(np.arange(60) < 40, "fit", "held"))
+
+
+def test_a_model_that_poses_of_the_file_refute_is_not_adequate(arm, library, tmp_path):
+    """Held-out errors of 7 times the noise, and yet "nothing is missing": only fitted poses were tested."""
+    answer = wb.diagnose(arm, kept_back(tmp_path, 3, 8e-3), library)
+    c = answer.comparison
+    assert c.p_unseen < 1e-6 and not c.adequate and not answer.adequate_after
+    assert answer.verdict == "undecidable"
+    assert "predicted worse than the noise" in diagnosis_text(answer)
+    # Chow's test with the whole covariance of the predictions
+    there = c.fit_all.at(c.held_data.take(c.held_data.are_not(c.outliers.ids)))
+    z = np.einsum("nij,nj->ni", there.whiten, there.evaluation.r).ravel() / c.fit_all.scale
+    jac = np.einsum("nij,njk->nik", there.whiten, there.evaluation.J).reshape(len(z), -1) / c.fit_all.scale
+    f = z @ np.linalg.solve(np.eye(len(z)) + jac @ c.fit_all.cov @ jac.T, z) / len(z)
+    assert c.p_unseen == pytest.approx(stats.f.sf(f, len(z), c.fit_all.dof), rel=1e-3, abs=1e-12)
+    p = [wb.compare(arm, kept_back(tmp_path, seed)).p_unseen for seed in range(24)]
+    assert stats.kstest(p, "uniform").pvalue > 0.05 and min(p) > 0.002
+
+
+@pytest.mark.parametrize("bad", [range(55, 60), (3, 17, 29, 30, 44)])
+def test_outliers_that_are_alike_are_no_bad_poses(arm, library, tmp_path, bad):
+    """The last five poses of a session: something has moved, and to leave them out hides it."""
+    data = measure(tmp_path, 60, 15)
+    p_m = data.p_m.copy()
+    p_m[list(bad)] += 0.2
+    answer = wb.diagnose(arm, replace(data, p_m=p_m), library)
+    alike = bad == range(55, 60)
+    assert set(answer.outliers.ids) == {f"p{i}" for i in bad}
+    assert (set(answer.outliers.clusters) & {"order", "t"} != set()) == alike
+    text = diagnosis_text(answer)
+    assert ("Nothing is missing" in text) is not alike
+    why = [s.why for s in advice.next_steps(answer, (), advice.Inputs("a.toml", ("--data", "d.csv")))]
+    assert any("hides it" in text for text in why) is alike
+
+
 def test_degrees_given_as_radians_are_suspected(arm, tmp_path):
     data = measure(tmp_path, 20, 16)
     from dataclasses import replace

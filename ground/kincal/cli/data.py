@@ -71,7 +71,8 @@ class Given:
         if not self.excluded:
             return data
         kept = data.without(self.excluded)
-        click.echo(f"note: {data.n - kept.n} poses excluded", err=True)
+        count = data.n - kept.n
+        click.echo(f"note: {count} {'pose' if count == 1 else 'poses'} excluded", err=True)
         return kept
 
     def options(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,9 +66,9 @@ def targets(form: Format, path: Path) -> tuple[Path, ...]:
 
 
 def _check(files: tuple[Path, ...], keep: tuple[Path, ...]) -> None:
-    inputs = {path.resolve() for path in keep}
+    inputs = {os.path.realpath(path) for path in keep}
     for file in files:
-        if file.resolve() in inputs:
+        if os.path.realpath(file) in inputs:  # resolve() fails at a link that leads to itself
             raise BadInput("is an input of the export", str(file), "choose another name")
         if file.is_dir():
             raise BadInput("this is a directory, a file is to be written", str(file), "add a file name")

@@ -12,8 +12,9 @@ from plotly.subplots import make_subplots
 from kincal.pages import theme, words
 from kincal.pages.poses import Poses, Range, bulk_range, dots
 from kincal.workbench.diagnosis import Diagnosis
+from kincal.workbench.evidence.variables import variable_values
 from kincal.workbench.fit.least_squares import Fit
-from kincal.workbench.report.views import apparent_motion, variable_values
+from kincal.workbench.report.views import apparent_motion
 
 _BINS = 8
 _VARIABLES = 8

@@ -24,6 +24,7 @@ from ..evidence.adequacy import (
     lack_of_fit,
     noise_floor,
     structure,
+    unseen_p,
     where_it_fails,
     worst_poses,
 )
@@ -52,8 +53,9 @@ class Comparison:
     data: all poses; held_data: the held-out ones, None if there are none; skipped: malformed rows left out;
     rms: "nominal", "fit" and "held" errors; chi2_per_dof: of all poses, in units of the stated noise;
     p_lack_of_fit: of the size of the leftover, None where nothing says how large the noise is;
-    p_structure: that it follows some recorded variable somewhere, over all variables; adequate: neither is
-    likely, and outliers are few;
+    p_structure: that it follows some recorded variable somewhere, over all variables; p_unseen:
+    that poses which the file keeps back are predicted as well as noise allows, None if it keeps none;
+    adequate: all are likely enough, and outliers are few and in no cluster;
     still_joints: joints (from 1) that the poses do not move; fit_all: fitted to every pose (to the fit
     poses if the file keeps some back); fit_part: fitted to the fit poses; black_box: gives `reachable`.
     """
@@ -71,6 +73,7 @@ class Comparison:
     chi2_per_dof: float
     p_lack_of_fit: float | None
     p_structure: float
+    p_unseen: float | None
     adequate: bool
     worst_poses: tuple[WorstPose, ...]
     where: tuple[Where, ...]
@@ -170,7 +173,9 @@ def compare(
     held = data.take(split.held) if len(split.held) else None
     floor, where = noise_floor(fit_all), where_it_fails(fit_all)
     p_lack, p_structure = lack_of_fit(fit_all, floor), structure(where)
-    outliers = find_outliers(fit_all, held if split.given else None)
+    kept_back = held if split.given else None
+    outliers = find_outliers(fit_all, kept_back)
+    p_unseen = None if kept_back is None else unseen_p(fit_all, kept_back, outliers)
     return Comparison(
         arm=arm.name,
         source=data.source,
@@ -189,7 +194,8 @@ def compare(
         chi2_per_dof=fit_all.scale**2,
         p_lack_of_fit=p_lack,
         p_structure=p_structure,
-        adequate=explained(p_lack, p_structure) and outliers.few,
+        p_unseen=p_unseen,
+        adequate=explained(p_lack, p_structure, p_unseen) and outliers.may_be_chance,
         worst_poses=worst_poses(fit_all),
         where=where,
         outliers=outliers,

@@ -13,12 +13,14 @@ from kincal_shared.schema.names import is_unnamed, with_constants
 
 from ..comparison.compare import Comparison
 from ..evidence.adequacy import (
+    STRUCTURE_P,
     NoiseFloor,
     Outliers,
     Where,
     find_outliers,
     lack_of_fit,
     noise_floor,
+    unseen_p,
     where_it_fails,
 )
 from ..evidence.bayes_factors import LAMBDAS
@@ -203,13 +205,13 @@ def conclude(study: Study, found: Selection) -> Diagnosis:
     effects = effect_findings(study, found, left, explained=left.is_known_noise and novel is None)
     return Diagnosis(
         comparison=study.comparison,
-        verdict=_verdict(found.first.none, effects, novel),
+        verdict=_verdict(found.first.none, effects, novel, study.comparison),
         effects=effects,
         novel=novel,
         not_testable=not_testable(study, found.first),
         probability_none=found.first.none,
         final=final,
-        adequate_after=left.is_noise and novel is None and outliers.few,
+        adequate_after=left.is_noise and novel is None and outliers.may_be_chance,
         outliers=outliers,
         remainder=remainder(study, found.model, left.where),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
@@ -228,8 +230,10 @@ def promising(d: Diagnosis, advice: Advised) -> Diagnosis:
 def _left_by(final: Fit, c: Comparison) -> Left:
     """What the final model leaves: known where nothing was added."""
     if final is c.fit_all:
-        return Left(final, c.p_lack_of_fit, c.where)
-    return Left(final, lack_of_fit(final, noise_floor(final)), where_it_fails(final))
+        return Left(final, c.p_lack_of_fit, c.where, c.p_unseen)
+    held = c.held_data if c.split.given else None
+    p_unseen = None if held is None else unseen_p(final, held, find_outliers(final, held))
+    return Left(final, lack_of_fit(final, noise_floor(final)), where_it_fails(final), p_unseen)
 
 
 def _outliers(final: Fit, c: Comparison) -> Outliers:
@@ -237,12 +241,15 @@ def _outliers(final: Fit, c: Comparison) -> Outliers:
     return c.outliers if final is c.fit_all else find_outliers(final, c.held_data if c.split.given else None)
 
 
-def _verdict(none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None) -> Verdict:
+def _verdict(
+    none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None, c: Comparison
+) -> Verdict:
     accepted = [e for e in effects if e.accepted]
     if novel is not None:
         return "novel"
     if not accepted:
-        return "adequate" if none > _SURE_ENOUGH else "undecidable"
+        refuted = c.outliers.clusters or (c.p_unseen is not None and c.p_unseen <= STRUCTURE_P)
+        return "adequate" if none > _SURE_ENOUGH and not refuted else "undecidable"
     if len(accepted) > 1:
         return "several_effects"
     return "effect" if accepted[0].probability > CLAIM else "undecidable"

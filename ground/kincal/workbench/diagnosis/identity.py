@@ -20,16 +20,17 @@ more than noise (docs/DIAGNOSIS.md)."""
 @dataclass(frozen=True)
 class Left:
     """What a final model leaves: its fit, p-value of lack of fit (None where no noise is known), and what the
-    rest follows, of all variables."""
+    rest follows, of all variables; p_unseen: as of `Comparison`."""
 
     fit: Fit
     p_lack_of_fit: float | None
     where: tuple[Where, ...]
+    p_unseen: float | None = None
 
     @property
     def is_noise(self) -> bool:
         """No more than a known noise, where one is known, and it follows no variable."""
-        return explained(self.p_lack_of_fit, structure(self.where))
+        return explained(self.p_lack_of_fit, structure(self.where), self.p_unseen)
 
     @property
     def is_known_noise(self) -> bool:

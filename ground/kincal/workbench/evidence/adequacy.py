@@ -15,7 +15,8 @@ from ..numerics.distributions import chi2_quantile, chi2_tail, f_tail, normal_qu
 from ..numerics.types import Array, Indices, Mask
 from .bayes_factors import LN_SCALE_SIGMA
 from .scoring import Scorer, bulk_weights, scaled_p
-from .unnamed import drivers
+from .unnamed import Driver, drivers
+from .variables import variable_values
 
 ADEQUATE_P = 0.05
 STRUCTURE_P = 0.01
@@ -80,6 +81,11 @@ class Outliers:
     def few(self) -> bool:
         """So few that they may be bad poses of data that a model explains."""
         return len(self.ids) <= _MANY_OUTLIERS * self.poses
+
+    @property
+    def may_be_chance(self) -> bool:
+        """They may be bad poses: few, and alike in nothing."""
+        return self.few and not self.clusters
 
 
 def noise_floor(fit: Fit) -> NoiseFloor:
@@ -192,7 +198,8 @@ def gross(square: Array) -> Mask:
 
 
 def _clusters(fit: Fit, ids: tuple[str, ...]) -> tuple[str, ...]:
-    """Variables whose values differ between the outliers and the other poses (Mann-Whitney)."""
+    """Variables whose values differ between the outliers and the other poses (Mann-Whitney): more or less of
+    them, or, by the leading feature of their kernel, in the middle or at the ends."""
     flagged = np.isin(fit.data.ids, ids)
     if flagged.sum() < _MIN_CLUSTER:
         return ()
@@ -201,7 +208,11 @@ def _clusters(fit: Fit, ids: tuple[str, ...]) -> tuple[str, ...]:
     def p_value(x: Array) -> float:
         return rank_sum_p(x[flagged], x[~flagged])
 
-    return tuple(d.name for d in singles if p_value(d.features[:, 0]) * len(singles) < _CLUSTER_P)
+    def clustered(d: Driver) -> bool:
+        least = min(p_value(d.features[:, 0]), p_value(variable_values(d.name, fit)))
+        return 2.0 * least * len(singles) < _CLUSTER_P
+
+    return tuple(d.name for d in singles if clustered(d))
 
 
 def where_it_fails(fit: Fit) -> tuple[Where, ...]:
@@ -221,15 +232,30 @@ def where_it_fails(fit: Fit) -> tuple[Where, ...]:
     return tuple(sorted(map(_best_place, by_variable.values()), key=_least_likely))
 
 
+def unseen_p(fit: Fit, held: Measurements, outliers: Outliers) -> float:
+    """p-value that a fit predicts poses which it was not fitted to as well as its noise and the error of its
+    coefficients allow, without outliers: the predictive test of Chow (Econometrica 28, 1960)."""
+    usual = held.take(held.are_not(outliers.ids))
+    there = fit.at(usual)
+    z = np.einsum("nij,nj->ni", there.whiten, there.evaluation.r).ravel() / fit.scale
+    jac = np.einsum("nij,njk->nik", there.whiten, there.evaluation.J).reshape(len(z), -1) / fit.scale
+    # z' (I + J C J')^-1 z, C = L L'
+    moved = jac @ np.linalg.cholesky(fit.cov + 1e-18 * np.diag(fit.sigma_prior**2))
+    seen = moved.T @ z
+    square = float(z @ z - seen @ np.linalg.solve(np.eye(len(seen)) + moved.T @ moved, seen))
+    return f_tail(max(square, 0.0) / len(z), len(z), fit.dof)
+
+
 def structure(where: Sequence[Where]) -> float:
     """p-value that what is left follows some variable, over all variables (Bonferroni)."""
     return min(1.0, where[0].p_value * len(where)) if where else 1.0
 
 
-def explained(p_lack_of_fit: float | None, p_structure: float) -> bool:
-    """What is left is no larger than a known noise, where one is known, and follows no variable. Outliers
-    count in neither."""
-    return p_structure > STRUCTURE_P and (p_lack_of_fit is None or p_lack_of_fit > ADEQUATE_P)
+def explained(p_lack_of_fit: float | None, p_structure: float, p_unseen: float | None = None) -> bool:
+    """What is left is no larger than a known noise, where one is known, follows no variable, and is as large
+    at poses that the file keeps back, where it keeps some. Outliers count in none."""
+    small = p_lack_of_fit is None or p_lack_of_fit > ADEQUATE_P
+    return small and p_structure > STRUCTURE_P and (p_unseen is None or p_unseen > STRUCTURE_P)
 
 
 def _least_likely(w: Where) -> tuple[float, float]:

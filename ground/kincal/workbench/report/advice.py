@@ -130,7 +130,8 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
         )
     if smooth:
         yield Step(
-            "add smooth functions for what has no name, as many as predict better and harm no other poses",
+            "add smooth functions for what has no name, as many as cross-validation of the fitted poses asks "
+            "for and held-out poses do not refute",
             _kincal("add", *inputs.written, *inputs.library, *inputs.sources, UNNAMED),
         )
     if change.added or smooth or inputs.model:
@@ -147,7 +148,10 @@ def _only_predicting(d: Diagnosis) -> str:
     if not names:
         return ""
     verb = "predicts" if len(names) == 1 else "predict"
-    return f"; {explain.listed(names)} {verb} better, but something unnamed explains more: not a cause"
+    return (
+        f"; {explain.listed(names)} {verb} better in cross-validation, while something unnamed explains "
+        "more: no cause is shown"
+    )
 
 
 def _measured(d: Diagnosis) -> bool:
@@ -180,7 +184,11 @@ def _excluding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
         yield Step(f"look at the {len(ids)} outliers: so many are no chance", _kincal("compare", *words))
     elif ids:
         words = (*inputs.sources, *inputs.diagnosed, "--exclude", ",".join(ids))
-        yield Step("look at the outliers; without them", _kincal("diagnose", *words))
+        if d.outliers.clusters:
+            why = f"{explain.outlier_note(d.outliers)}: measure more there; to leave them out hides it"
+            yield Step(why, _kincal("compare", *inputs.sources, *inputs.diagnosed))
+        else:
+            yield Step(f"look at {explain.outliers_left(d)}; without them", _kincal("diagnose", *words))
 
 
 def _outliers_count(d: Diagnosis) -> bool:

@@ -85,6 +85,7 @@ def comparison_json(c: Comparison) -> Json:
         "chi2_per_dof": c.chi2_per_dof,
         "p_lack_of_fit": c.p_lack_of_fit,
         "p_structure": c.p_structure,
+        "p_unseen": c.p_unseen,
         "adequate": c.adequate,
         "worst_poses": [
             {"id": w.id, **_pos_rot(w.pos_m, w.rot_rad), "sigma": w.sigma} for w in c.worst_poses
@@ -252,6 +253,7 @@ def comparison_text(c: Comparison) -> str:
         f"chi2 per degree    {c.chi2_per_dof:.3f}",
         f"lack of fit        {p_text}",
         f"left over          {explain.left_over(c)}",
+        *([f"unseen poses       {explain.unseen(c)}"] if c.p_unseen is not None else []),
         f"verdict            {explain.adequacy(c)}",
         "",
         *_rest_lines(c),
@@ -308,10 +310,14 @@ def _rest_lines(c: Comparison) -> list[str]:
         ],
         "",
         f"worst poses: {worst}",
-        "outliers: " + (", ".join(c.outliers.ids) or "none"),
+        f"outliers of {_model_text(c)}: " + (", ".join(c.outliers.ids) or "none"),
         *([note] if note else []),
         *explain.notes(c),
     ]
+
+
+def _model_text(c: Comparison) -> str:
+    return "the model" if c.fit_all.hypotheses else "the arm after DH calibration"
 
 
 def poses_text(poses: Sequence[NextPose]) -> str:
@@ -350,6 +356,7 @@ def fit_text(f: FitResult) -> str:
             *(f"{m.model:<{width}}{_errors(m, bool(without))}" for m in f.nested.models),
             f"reachable: {_reachable_text(f.comparison)}",
             f"noise floor: {_floor_text(f.nested.floor)}",
+            *([f"outliers: {', '.join(f.comparison.outliers.ids)}"] if without else []),
             *explain.not_recommended(f.nested),
             *map(explain.no_gain, f.nested.no_gain),
             *explain.of_session(f.fit),

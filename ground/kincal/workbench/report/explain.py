@@ -203,6 +203,13 @@ def outlier_note(o: Outliers) -> str:
     return "; ".join(found)
 
 
+def outliers_left(d: Diagnosis) -> str:
+    """The outliers of the final model, in words."""
+    count = len(d.outliers.ids)
+    what = "the outlier" if count == 1 else f"the {count} outliers"
+    return f"{what} that the findings leave" if any(e.in_model for e in d.effects) else what
+
+
 def among(o: Outliers, poses: Measurements) -> int:
     """How many of these poses are outliers."""
     return poses.n - int(poses.are_not(o.ids).sum())
@@ -239,6 +246,15 @@ def left_over(c: Comparison) -> str:
     first = c.where[0]
     share = f"{first.share_of_variance:.0%}"
     return f"{text}; {share} of it follows {in_words(first.variable)} at {first.at}: structure, not noise"
+
+
+def unseen(c: Comparison) -> str:
+    """Whether poses that the file keeps back are predicted as well as the noise allows; empty if it keeps
+    none."""
+    if c.p_unseen is None:
+        return ""
+    worse = "as well as" if c.p_unseen > STRUCTURE_P else "worse than"
+    return f"predicted {worse} the noise of the fitted ones allows (p = {c.p_unseen:.3g})"
 
 
 def adequacy(c: Comparison) -> str:
@@ -345,6 +361,8 @@ def _held_fall(d: Diagnosis) -> str:
 
 
 def _closest(d: Diagnosis) -> str:
+    if d.comparison.outliers.clusters:
+        return outlier_note(d.comparison.outliers)
     names = [e.name for e in d.effects][:3]
     return f"{listed(names)} come closest" if names else "no effect stands out"
 

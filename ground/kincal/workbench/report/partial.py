@@ -18,13 +18,13 @@ from kincal_shared.schema.names import COMPONENTS, VARIABLES
 from kincal_shared.schema.terms import Basis
 
 from ..evidence.unnamed import Location, locations
+from ..evidence.variables import variable_values
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit
 from ..model.effects import Hypothesis, Term
 from ..model.places import TYPICAL_SIZE
 from ..model.shapes import EVALUATED, evaluate
 from ..numerics.types import Array, Mask, array
-from .views import variable_values
 
 _BINS, _LEAST_BINS, _POSES_PER_BIN = 12, 4, 12
 _FAST = 3.0  # [1/rad] a sine or cosine of more than this times its variable is drawn against its phase

@@ -17,7 +17,7 @@ from .table import Joints, Table
 from .targets import TargetPoses, target_poses
 
 _SHOWN = 10  # malformed rows that an error lists
-_APART = 0.05  # [rad or m] between readings of one commanded pose: no controller misses it by that
+_ONE_POSE = 0.05  # [rad or m] between readings of one commanded pose: no controller misses it by that
 _NO_TARGETS = TargetPoses(np.zeros((0, 3)), None, None)
 
 
@@ -132,15 +132,15 @@ def _check_groups(columns: Columns, group: Array) -> None:
     q = columns.values["q"]
     usable = np.isfinite(group) & np.isfinite(q).all(axis=1)
     first = {g: k for k, g in reversed([*enumerate(group)]) if usable[k]}
-    apart = np.zeros(q.shape)
+    off = np.zeros(q.shape)
     for k in np.flatnonzero(usable):
-        apart[k] = np.abs(q[k] - q[first[group[k]]])
-    wrong = np.asarray((apart > _APART).any(axis=1), dtype=np.bool_)
+        off[k] = np.abs(q[k] - q[first[group[k]]])
+    wrong = np.asarray((off > _ONE_POSE).any(axis=1), dtype=np.bool_)
     names = columns.plan()["q"]
     columns.refuse(wrong, (
-        f"replicate {group[k]:g} has poses of which {names[j]} differs by {apart[k, j]:.3g}: a group holds "
+        f"replicate {group[k]:g} has poses of which {names[j]} differs by {off[k, j]:.3g}: a group holds "
         "measurements of one commanded pose"
-        for k in np.flatnonzero(wrong) for j in [int(apart[k].argmax())]
+        for k in np.flatnonzero(wrong) for j in [int(off[k].argmax())]
     ))  # fmt: skip
 
 
