@@ -810,6 +810,10 @@ def test_a_model_that_says_nothing_of_other_poses_is_refused(folder, tmp_path, e
         assert kincal(tmp_path, "model", "fit", *on).exit_code == 0
     done = kincal(tmp_path, "model", "predict", *on)
     assert done.exit_code == status and says in done.stderr
+    made = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "python", "-o", "o.py")
+    assert (made.exit_code == 0) is fitted and (
+        "for the session that was fitted only" in made.stderr
+    ) is fitted
 
 
 def test_json_holds_every_number_with_its_unit(folder):

@@ -201,15 +201,19 @@ def test_poses_that_would_not_decide_are_not_advised(found):
 
 
 def test_a_fit_that_makes_held_out_poses_worse_explains_nothing():
-    def said(adequate, nominal_m, held_m):
+    def said(adequate, nominal_m, held_m, p_lack_of_fit=0.5):
         errors = {"nominal": (nominal_m, None), "DH": (held_m, None)}
         c = SimpleNamespace(
-            adequate=adequate, outliers=Outliers((), 10), errors_without={(): errors}.__getitem__
+            adequate=adequate,
+            outliers=Outliers((), 10),
+            errors_without={(): errors}.__getitem__,
+            p_lack_of_fit=p_lack_of_fit,
         )
         return explain.adequacy(c)
 
     assert said(True, 2.8e-3, 0.9e-3) == said(True, 2.8e-3, float("nan")) == "the model explains these data"
     assert said(False, 2.8e-3, 0.9e-3) == "the model does NOT explain these data"
+    assert "noise is nobody has said" in said(True, 2.8e-3, 0.9e-3, None)
     worse = said(True, 2.755e-3, 2.93e-3)
     assert "explains" not in worse and "worse than the nominal arm (2.755 to 2.930 mm)" in worse
 

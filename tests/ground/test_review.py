@@ -420,6 +420,10 @@ def comment(journal, text, *extra, by="B. Second"):
     )
 
 
+def last_line(journal):
+    return len(review.check_journal(journal))
+
+
 def test_an_open_question_is_named_to_whoever_decides_until_a_comment_answers_it(tmp_path, journal):
     see(tmp_path, journal)
     assert comment(journal, "pose 7 in shadow?", "--question", "--crc", "fedcba98").exit_code == 0
@@ -429,9 +433,9 @@ def test_an_open_question_is_named_to_whoever_decides_until_a_comment_answers_it
         run = decide(flight, "arm", journal)
         said = " ".join(run.output.split())
         assert run.exit_code == EXIT_INPUT and flight.commands == []
-        assert f"A. Reviewer saw correction fedcba98 before this was asked: {open_}" in said
+        assert "A. Reviewer saw correction fedcba98 before this was written: question by B. Second" in said
         assert f"look at: {open_}" in see(tmp_path, journal) and "pose 7 in shadow?" in said
-        assert open_ in review.check_journal(journal)[-2].why  # what was seen
+        assert open_ in review.check_journal(journal)[-1].why  # what was seen
         run = CliRunner().invoke(
             main, ["review", "list", "--live", "--url", flight.url, "--journal", str(journal)]
         )
@@ -447,6 +451,15 @@ def test_an_open_question_is_named_to_whoever_decides_until_a_comment_answers_it
     last = review.check_journal(journal)[-1]
     assert (last.crc, last.answers, last.words) == ("fedcba98", 2, "comment, answers line 2")
     assert "open question" not in see(tmp_path, journal)
+    # an answer may be a reason to reject: it has to be seen, too
+    assert comment(journal, "was it hit?", "--question", "--crc", "fedcba98", by="A. Reviewer").exit_code == 0
+    assert comment(journal, "it was: do not approve", "--answers", str(last_line(journal))).exit_code == 0
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "arm", journal)
+        assert run.exit_code == EXIT_INPUT and flight.commands == []
+        assert "do not approve" in run.output
+        see(tmp_path, journal)
+        assert decide(flight, "arm", journal).exit_code == 0
 
 
 def test_a_changed_journal_still_shows_what_waits_and_says_that_it_does_not_verify(tmp_path, journal):

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import poses
@@ -15,6 +16,7 @@ from kincal.workbench.consistency.recorded import _too_alike
 from kincal.workbench.data.copies import without_copies
 from kincal.workbench.data.measurements import Measurements, replicate_groups
 from kincal.workbench.data.split import choose_split
+from kincal.workbench.evidence.adequacy import noise_floor
 from kincal.workbench.fit.frames import solve_frames
 from kincal.workbench.model.flight_model import nominal_chain
 
@@ -306,3 +308,21 @@ def test_replicates_of_less_than_a_micrometre_are_doubted():
             "m", tuple(map(str, range(40))), rows[:, :2], rows[:, 2:], replicate=np.arange(40) // 2
         )
         assert [f.code for f in _too_alike(data)] == codes
+
+
+def test_equal_rows_of_a_coarse_device_at_other_times_are_replicates():
+    """A tracker that shows tenths of a millimetre repeats itself; its replicates tell no noise."""
+    x = np.repeat(np.random.default_rng(3).uniform(-1.0, 1.0, (30, 5)).round(4), 3, axis=0)
+    data = Measurements("m", tuple(map(str, range(90))), x[:, :2], x[:, 2:], t_s=30.0 * np.arange(90))
+    assert without_copies(data).n == 90
+    assert without_copies(replace(data, order_is_time=True)).n == 30
+    assert without_copies(replace(data, p_m=data.p_m + 1e-7)).n == 30  # no noise in six digits: copies
+    fit = SimpleNamespace(data=replace(data, replicate=np.arange(90) // 3), z=np.zeros(270))
+    floor = noise_floor(SimpleNamespace(**vars(fit), evaluation=SimpleNamespace(r=np.zeros((90, 3)))))
+    assert floor.pos_m is None and "equal to the last digit" in floor.source
+
+
+def test_poses_with_another_payload_are_no_replicates():
+    q = np.repeat(np.random.default_rng(3).uniform(-1.0, 1.0, (9, 6)), 2, axis=0)
+    assert len(set(replicate_groups(q, np.tile([0.0, 0.005], 9)))) == 9
+    assert len(set(replicate_groups(q, np.tile([0.0, 0.5], 9)))) == 18

@@ -491,7 +491,7 @@ def kept_back(tmp_path, seed, moved_rad=0.0):
     """Sixty poses of which the file keeps back the last twenty, joint 3 moved before these."""
     count = iter(range(10**6))
 
-    def true_q(q, direction):
+    def true_q(q, _direction):
         return q + moved_rad * np.array([0, 0, next(count) % 60 >= 40, 0, 0, 0, 0])
 
     return replace(measure(tmp_path, 60, seed, true_q), split=np.where(np.arange(60) < 40, "fit", "held"))

@@ -64,9 +64,7 @@ def predict(
     read from. CannotAnswer if the data lack what an effect needs, or if the model has effects of the session
     that it was fitted to: they say nothing of another one."""
     check_needs(library, calibrated.effects, calibrated.arm, data)
-    if drifting := sorted(
-        {t.coefficient.group for t in calibrated.terms if any(b.var == "t" for b in t.bases)}
-    ):
+    if drifting := calibrated.of_session:
         raise CannotAnswer(
             f"{', '.join(drifting)} holds for the session that was fitted only, and the other values with it",
             calibrated.file,

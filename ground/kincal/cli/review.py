@@ -440,8 +440,8 @@ def review_comment(
     `list` and the page show it.
 
     A question about a correction is open until a comment answers it. `show`, `list --live`, `kincal status`,
-    `arm` and `go` name open ones with their line; `arm` and `go` are refused to a person who has seen the
-    correction before the question was asked.
+    `arm` and `go` name open ones with their line. `arm` and `go` are refused to a person who has seen the
+    correction before somebody else wrote a comment or a question about it.
 
     \b
     Examples:

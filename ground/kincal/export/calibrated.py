@@ -116,6 +116,12 @@ class CalibratedArm:
         plain = (DH, BETA, BASE, TOOL)
         return tuple(dict.fromkeys(c.group for c in self.coefficients if c.group not in plain))
 
+    @property
+    def of_session(self) -> tuple[str, ...]:
+        """Effects that follow time: they hold for the session that was fitted only."""
+        found = {t.coefficient.group for t in self.terms if any(b.var == "t" for b in t.bases)}
+        return tuple(sorted(found))
+
     def constant_twist(self, frame: int, groups: Iterable[str] | None = None) -> Floats:
         """(6,) sum of the constant corrections at a frame [m, rad]; groups: of these coefficients only."""
         chosen = None if groups is None else set(groups)

@@ -361,16 +361,25 @@ def _check_holder(case: _Case, link: CommandLink) -> None:
 
 
 def _look_at_questions(case: _Case, who: Operator, seen: Entry) -> None:
-    """Name the open questions; BadInput if one was asked since `who.by` has seen the correction."""
-    asked = case.before.open_questions(case.text)
-    at = max(n for n, entry in enumerate(case.before.entries, 1) if entry == seen)
-    if new := [journal.question_text(n, entry) for n, entry in asked.items() if n > at]:
+    """Name the open questions; BadInput if somebody else has asked or said something of the correction since
+    `who.by` has seen it: an answer may be a reason to reject it."""
+    entries = case.before.entries
+    at = max(n for n, entry in enumerate(entries, 1) if entry == seen)
+
+    def other(name: str) -> bool:
+        return name.strip().casefold() != who.by.strip().casefold()
+
+    if new := [
+        journal.remark_text(n, entry)
+        for n, entry in enumerate(entries, 1)
+        if n > at and entry.decision in journal.REMARKS and entry.crc == case.text and other(entry.by)
+    ]:
         raise BadInput(
-            f"{who.by} saw correction {case.text} before this was asked: {'; '.join(new)}",
+            f"{who.by} saw correction {case.text} before this was written: {'; '.join(new)}",
             str(who.journal),
-            "look at it again with `kincal review show`, or have it answered; then decide",
+            "look at it again with `kincal review show`, then decide",
         )
-    for n, entry in asked.items():
+    for n, entry in case.before.open_questions(case.text).items():
         who.say(f"note: {journal.question_text(n, entry)}")
 
 

@@ -42,6 +42,8 @@ SEEN, ARMED, APPROVED, REJECTED = "seen", "arm", "approve", "reject"
 ATTEMPT, REFUSED, UNANSWERED = "attempt", "refused", "unanswered"
 """Before a command is sent; that flight or this tool refused it; that nobody knows whether flight took it."""
 COMMENT, QUESTION = "comment", "question"
+REMARKS = (COMMENT, QUESTION)
+"""What people say of a correction beside deciding."""
 SAID = (SEEN, ATTEMPT, REFUSED, UNANSWERED, COMMENT, QUESTION)
 """What changes nothing."""
 END = ".end"
@@ -211,6 +213,11 @@ def question_text(number: int, entry: Entry) -> str:
         f"open question by {entry.by}, {entry.time}: {one_line(entry.why)} "
         f"(answer it: `kincal review comment TEXT --answers {number} --by NAME`)"
     )
+
+
+def remark_text(number: int, entry: Entry) -> str:
+    """A comment or a question; number: of its line."""
+    return f"{entry.words} by {entry.by}, {entry.time} (line {number}): {one_line(entry.why)}"
 
 
 def append(path: Path, entry: Entry, signer: Signer) -> Entry:

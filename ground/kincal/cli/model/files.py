@@ -312,12 +312,15 @@ def export_command(
 
     chosen, library = load_model(model_path, effect_files)
     arm = read_arm(arm_of(chosen, model_path, arm_path))
-    made = export(
-        calibrated_arm(arm, chosen, library, name=str(model_path)),
-        form,
-        out_path,
-        keep=(model_path, Path(arm.source)),
-    )
+    calibrated = calibrated_arm(arm, chosen, library, name=str(model_path))
+    made = export(calibrated, form, out_path, keep=(model_path, Path(arm.source)))
     click.echo(text.exported(made))
+    if form != "dh" and calibrated.of_session:
+        names = ", ".join(calibrated.of_session)
+        click.echo(
+            f"note: {names} holds for the session that was fitted only, time starts anew in others; to leave it "
+            "out: `kincal model remove`, then `fit` and `export` again",
+            err=True,
+        )
     if made.left_out:
         click.echo(text.left_out(made, form, chosen.fit), err=True)

@@ -177,7 +177,8 @@ def _without_them(made: Exported, form: str, fit: FitEntry | None) -> Iterator[s
 def predicted(p: Predicted) -> str:
     """Errors at poses that the model was not fitted to."""
     lines = [
-        f"{p.arm}: {p.poses} poses of {p.source}, {p.components} components; nothing was fitted to them",
+        f"{p.arm}: {p.poses} poses of {p.source}, {p.components} components"
+        + ("" if p.fitted else "; the model was fitted to other files"),
         *([f"skipped: {p.skipped} malformed rows"] if p.skipped else []),
         f"nominal arm        {_error(p.nominal)} in the base and tool frame that the fit found",
         f"fitted model       {_error(p.model)}, at most {_error(p.largest)}",

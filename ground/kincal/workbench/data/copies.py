@@ -12,8 +12,10 @@ from .measurements import SAME_POSE, Measurements
 
 _MEASURED = ("direction", "q", "p_m", "quat_wxyz", "payload_kg", "temp_c")  # equal in copies of a row
 _FEWEST, _MOST = 3, 9  # decimals [rad, m] that rows are looked at with
+_COARSE = 4  # decimals up to which replicates may be equal
 _BEYOND_CHANCE = 5  # decimals from which on no replicate agrees with a rounded row in all its numbers
 _NEARLY_ALL = 0.9  # share of the rows of fewer decimals that have a finer one near
+_LEAST_SHARE = 0.2  # of all rows; single ones end in zeros by chance
 
 
 def without_copies(data: Measurements) -> Measurements:
@@ -36,6 +38,8 @@ def _repeated(data: Measurements) -> Mask:
     """(N,) rows that an earlier one equals to the last bit."""
     names = _MEASURED[data.direction_source == "inferred" :]
     parts = [x for name in names if (x := getattr(data, name)) is not None]
+    if not data.order_is_time and data.t_s is not None and _decimals(_numbers(data)).max() <= _COARSE:
+        parts.append(data.t_s)  # measured anew, by a device that does not resolve its noise
     rows = np.ascontiguousarray(np.column_stack(parts)) + 0.0  # no negative zeros
     _, first = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))), return_index=True)
     return ~np.isin(np.arange(data.n), first)
@@ -44,7 +48,7 @@ def _repeated(data: Measurements) -> Mask:
 def _rounded(data: Measurements) -> Mask:
     """(N,) rows that another one gives when it is rounded to their decimals. With few decimals replicates do
     so too: there nearly all rows have to."""
-    x = np.column_stack([data.q, data.p_m])
+    x = _numbers(data)
     places = _decimals(x)
     found = np.zeros(data.n, dtype=bool)
     if places.min() == places.max():
@@ -55,9 +59,15 @@ def _rounded(data: Measurements) -> Mask:
     for count in np.unique(places[coarse]):
         mine = places[coarse] == count
         rows = np.unique(coarse[mine & agrees])
-        if count >= _BEYOND_CHANCE or len(rows) >= _NEARLY_ALL * len(np.unique(coarse[mine])):
+        nearly_all = len(rows) >= max(_NEARLY_ALL * len(np.unique(coarse[mine])), _LEAST_SHARE * data.n)
+        if count >= _BEYOND_CHANCE or nearly_all:
             found[rows] = True
     return found
+
+
+def _numbers(data: Measurements) -> Array:
+    """(N, n + 3) readings and positions."""
+    return np.column_stack([data.q, data.p_m])
 
 
 def _decimals(x: Array) -> Array:

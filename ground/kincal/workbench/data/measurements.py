@@ -17,6 +17,7 @@ from ..numerics.types import Array, Groups, Indices, Mask
 # Names that effects use for their needs, where they differ from ours.
 _RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
 _NAMED = 5  # ids in a message
+SAME_PAYLOAD_KG = 0.01
 SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
 
 DirectionSource = Literal["measured", "inferred", "none"]
@@ -150,10 +151,12 @@ def of_one_session(data: Measurements, known: Measurements) -> bool:
     return rows <= all_rows
 
 
-def replicate_groups(q: Array, tol: float = SAME_POSE) -> Groups:
-    """(N,) group number per pose: poses whose readings (N, n) all agree within `tol` [rad or m] are
-    replicates; a group has the number of its first pose."""
+def replicate_groups(q: Array, payload_kg: Array | None = None, tol: float = SAME_POSE) -> Groups:
+    """(N,) group number per pose: poses whose readings (N, n) all agree within `tol` [rad or m], with the
+    same payload (N,), are replicates; a group has the number of its first pose."""
     group = np.full(len(q), -1)
+    if payload_kg is not None:
+        q = np.column_stack([q, payload_kg * (tol / SAME_PAYLOAD_KG)])
     tree = KDTree(q)
     near = tree.query_ball_tree(tree, tol, p=np.inf)
     for i, neighbours in enumerate(near):

@@ -95,7 +95,8 @@ def noise_floor(fit: Fit) -> NoiseFloor:
     dof = sum(len(members) - 1 for members in groups)
     if dof >= _MIN_REPLICATE_DOF:
         square = np.sum([_within(r[members]).sum(axis=0) for members in groups], axis=0)
-        return NoiseFloor(*_pos_rot(square / dof), REPLICATES, dof)
+        if square[:3].sum() > 0.0:  # else they are equal to the last digit that the device gives
+            return NoiseFloor(*_pos_rot(square / dof), REPLICATES, dof)
     if fit.data.cov is not None:
         variance = np.einsum("nii->ni", fit.data.cov).mean(axis=0)[: r.shape[1]]
         return NoiseFloor(*_pos_rot(variance), STATED)
@@ -106,6 +107,8 @@ def _unknown(dof: int) -> str:
     """Why nothing says how large the noise is."""
     if dof == 0:
         return UNKNOWN
+    if dof >= _MIN_REPLICATE_DOF:
+        return "unknown: replicates are equal to the last digit, and no stated covariance"
     enough = f"{dof} of the {_MIN_REPLICATE_DOF} repeated measurements that are needed"
     return f"unknown: {enough}, and no stated covariance"
 

@@ -268,6 +268,8 @@ def adequacy(c: Comparison) -> str:
             "the model follows the fitted poses, but predicts held-out poses worse than the nominal arm "
             f"({before * 1e3:.3f} to {after * 1e3:.3f} mm): measure more poses, and more various ones"
         )
+    if c.p_lack_of_fit is None:
+        but += "; how large their noise is nobody has said, so that they cannot show more"
     return f"the model explains these data{but}"
 
 

@@ -43,6 +43,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
     if not good.any():
         raise BadInput(f"{table.source}: has no usable row")
     q, t_s = values["q"][good], _scalar(columns, "t_s", good)
+    payload = _scalar(columns, "payload_kg", good)
     replicate, cam = _scalar(columns, "replicate", good), _rows(values.get("cam"), good)
     return Measurements(
         source=table.source,
@@ -60,7 +61,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         cam_p_m=None if cam is None else cam[:, :3],
         cam_quat_wxyz=None if cam is None else cam[:, 3:],
         split=np.array(columns.texts["split"])[good] if "split" in columns.texts else None,
-        replicate=replicate_groups(q) if replicate is None else replicate.astype(int),
+        replicate=replicate.astype(int) if replicate is not None else replicate_groups(q, payload),
         skipped=tuple(problems),
         duplicates=0,  # counted when all files are joined
         rounded=0,

@@ -7,11 +7,10 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kincal_shared.errors import BadInput
 
-from ...numerics.types import Array
+from ...numerics.types import Array, Groups
 from ..copies import without_copies
 from ..measurements import Measurements, replicate_groups
 
@@ -60,7 +59,7 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         t_s=times if timed else np.arange(n, dtype=float),
         order_is_time=not timed,
         direction_source="inferred" if any(d.direction_source == "inferred" for d in sets) else "measured",
-        replicate=_groups(sets, changes["q"]),
+        replicate=_groups(sets, changes["q"], changes["payload_kg"]),
         skipped=tuple(f"{data.source}: {text}" for data in sets for text in data.skipped),
         unknown_columns=tuple(dict.fromkeys(name for data in sets for name in data.unknown_columns)),
         duplicates=sum(data.duplicates for data in sets),
@@ -103,11 +102,12 @@ def _ids(sets: Sequence[Measurements]) -> tuple[str, ...]:
     return tuple(f"{number}:{name}" for number, data in enumerate(sets, 1) for name in data.ids)
 
 
-def _groups(sets: Sequence[Measurements], q: Array) -> NDArray[np.int_]:
+def _groups(sets: Sequence[Measurements], q: Array, payload_kg: Array | None) -> Groups:
     """Groups of repeated poses: by the readings of all files, unless a file states its own."""
-    groups = [replicate_groups(d.q) if d.replicate is None else d.replicate for d in sets]
-    if all(np.array_equal(own, replicate_groups(d.q)) for own, d in zip(groups, sets, strict=True)):
-        return replicate_groups(q)
+    found = [replicate_groups(d.q, d.payload_kg) for d in sets]
+    groups = [by if d.replicate is None else d.replicate for by, d in zip(found, sets, strict=True)]
+    if all(np.array_equal(own, by) for own, by in zip(groups, found, strict=True)):
+        return replicate_groups(q, payload_kg)
     offset, parts = 0, []
     for own in groups:
         parts.append(own - own.min() + offset)

@@ -43,6 +43,7 @@ def read_log(path: str | Path, n_joints: int, *, session: int | None = None) -> 
         raise BadInput(f"{where} mixes measurements of different tables; split the log")
     _refuse_damaged(rows, n_joints, where)
     q = _stack(rows, lambda m: m.q_rad[:n_joints])
+    payload_kg = _stack(rows, lambda m: m.payload_kg)
     return Measurements(
         source=f"{path} session {number}",
         ids=tuple(_name(m) for m in rows),
@@ -57,9 +58,9 @@ def read_log(path: str | Path, n_joints: int, *, session: int | None = None) -> 
         tag=_stack(rows, _tag_share),
         cam_p_m=_stack(rows, lambda m: m.p_cam_m),
         cam_quat_wxyz=_stack(rows, lambda m: m.q_cam_wxyz),
-        replicate=replicate_groups(q),
+        replicate=replicate_groups(q, payload_kg),
         temp_c=_stack(rows, lambda m: m.temp_c),
-        payload_kg=_stack(rows, lambda m: m.payload_kg),
+        payload_kg=payload_kg,
         range_m=_stack(rows, lambda m: m.range_m),
         incid_rad=_stack(rows, lambda m: m.incid_rad),
         u_px=_stack(rows, lambda m: m.u_px),
