@@ -318,8 +318,8 @@ def export_command(
     if form != "dh" and calibrated.of_session:
         names = ", ".join(calibrated.of_session)
         click.echo(
-            f"note: {names} holds for the session that was fitted only, time starts anew in others; to leave it "
-            "out: `kincal model remove`, then `fit` and `export` again",
+            f"note: {names} holds for the session that was fitted only, time starts anew in others; to leave "
+            "it out: `kincal model remove`, then `fit` and `export` again",
             err=True,
         )
     if made.left_out:
