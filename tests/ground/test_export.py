@@ -811,9 +811,8 @@ def test_a_model_that_says_nothing_of_other_poses_is_refused(folder, tmp_path, e
     done = kincal(tmp_path, "model", "predict", *on)
     assert done.exit_code == status and says in done.stderr
     made = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "python", "-o", "o.py")
-    assert (made.exit_code == 0) is fitted and (
-        "for the session that was fitted only" in made.stderr
-    ) is fitted
+    assert (made.exit_code == 0) is fitted
+    assert ("for the session that was fitted only" in made.stderr) is fitted
 
 
 def test_json_holds_every_number_with_its_unit(folder):
