@@ -66,6 +66,8 @@ def _begin(path: Path, data: bytes, begun: dict[Path, Path], made: list[Path]) -
     for folder in reversed(missing):
         folder.mkdir(exist_ok=True)
         made.append(folder)
+    if place.exists() and not os.access(place, os.W_OK):  # a rename would not ask
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     begun[place] = new = place.with_name(f".{place.name[:_LETTERS]}.{secrets.token_hex(4)}.new")
     with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as file:
         if place.exists():

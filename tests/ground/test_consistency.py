@@ -21,6 +21,8 @@ from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.flight import Arm
 from kincal.rotations import Pose
 from kincal.workbench.consistency import check
+from kincal.workbench.consistency.units import degree_rows, millimetre_rows
+from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.data.readers import read_measurements
 from kincal_shared.schema.arm import dh_rows, other_convention, read_arm, same_joints, shipped_arms
 
@@ -326,3 +328,19 @@ def test_uplink_refuses_a_model_of_another_arm_than_the_tables(folder):
     assert done.exit_code == EXIT_INPUT
     assert "arm.tbl" in done.stderr and "other DH parameters" in done.stderr
     assert not (folder / "t.tbl").exists()
+
+
+def test_turns_are_no_degrees_and_lost_positions_no_metres(arm):
+    """A controller that counts turns; a tracker that writes 0, 0, 0 where it lost the target, or a spike."""
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (40, 7))
+    p = np.random.default_rng(2).uniform(-0.4, 0.4, (40, 3)) + [0.4, 0.0, 0.5]
+    data = Measurements("made up", tuple(map(str, range(40))), q, p)
+    every = np.arange(40) % 2 == 0
+    assert not degree_rows(arm, replace(data, q=q + 2.0 * np.pi * every[:, None])).any()
+    assert degree_rows(arm, replace(data, q=np.where(every[:, None], np.degrees(q), q))).sum() >= 18
+    assert not millimetre_rows(arm, replace(data, p_m=np.where(every[:, None], 0.0, p))).any()
+    spike = p.copy()
+    spike[7] = [999.0, 999.0, 999.0]
+    assert not millimetre_rows(arm, replace(data, p_m=spike)).any()
+    mixed = replace(data, p_m=np.where(every[:, None], 1000.0 * p, p))
+    assert np.array_equal(millimetre_rows(arm, mixed), every)

@@ -401,7 +401,8 @@ def test_dry_run_and_status_repeat_the_reasons_and_the_override(tmp_path, journa
         said = " ".join(run.output.split())
         assert run.exit_code == EXIT_FAILED and reason in said
         assert "not met: an override; found: none, but there are reasons to reject it" in said
-        assert decide(flight, "arm", journal, "--dry-run", "--override", "x").exit_code == EXIT_INPUT
+        for bad in ("x", "word " * 5000):
+            assert decide(flight, "arm", journal, "--dry-run", "--override", bad).exit_code == EXIT_INPUT
         run = decide(flight, "arm", journal, "--dry-run", "--override", "drift is known")
         assert run.exit_code == 0 and reason in " ".join(run.output.split()) and flight.commands == []
         text, found = status()
@@ -442,6 +443,8 @@ def test_an_open_question_is_named_to_whoever_decides_until_a_comment_answers_it
         assert f"look at: {open_}" in run.output and "shift" not in run.output.partition("Decisions")[0]
         for verb in ("arm", "go"):
             assert open_ in decide(flight, verb, journal, "--dry-run").output
+            run = decide(flight, verb, journal, "--dry-run", by="C. Nobody")
+            assert run.exit_code == EXIT_FAILED and "seen by C. Nobody" in run.output
             run = decide(flight, verb, journal)
             assert run.exit_code == 0 and f"note: {open_}" in run.output
     for line, *named in (("1",), ("99",), ("2", "--crc", "00001111"), ("2", "--question")):

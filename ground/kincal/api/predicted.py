@@ -68,7 +68,7 @@ def predict(
         raise CannotAnswer(
             f"{', '.join(drifting)} holds for the session that was fitted only, and the other values with it",
             calibrated.file,
-            "`kincal model remove` it, and `kincal model fit` again; then the rest predicts other sessions",
+            "`kincal model remove` it, by its name in `kincal model list`, and `kincal model fit` again",
         )
     named = [(c.name, Parameter(c.name, c.unit, c.prior_sigma, c.terms)) for c in calibrated.coefficients]
     model = flight_model(calibrated.arm, data, calibrated.base, calibrated.tool, named)

@@ -25,6 +25,7 @@ from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import DEFAULT, Signer, file_of, signer_of
 
 if TYPE_CHECKING:
+    from kincal.api.operate import Unmet
     from kincal.review import Review
     from kincal.review.decisions import Operator
 
@@ -383,9 +384,21 @@ def _operator(given: Decision) -> Operator:
     return Operator(given["by"], given["why"], journal, given["timeout_s"], say, command)
 
 
+def _unseen(read: Sequence[journals.Journal], crc: str, by: str) -> list[Unmet]:
+    """What a person would be refused for by the journal: not seen, or not since others wrote of it."""
+    from kincal.api import operate
+    from kincal.review.decisions import remarks_since
+
+    seen = read[0].seen_by(by, crc)
+    todo = f'`kincal review show --live --by "{by}"`'
+    if seen is None:
+        return [operate.Unmet(f"correction {crc} seen by {by}", "no line of the journal says so", todo)]
+    new = remarks_since(read[0], seen, by)
+    return [operate.Unmet("all that was written about it seen", "; ".join(new), todo)] if new else []
+
+
 def _dry_run(verb: str, crc: str, given: Decision, override: str = "") -> None:
-    """What flight would refuse by the last telemetry, and what the journal says against it. Whether somebody
-    has seen it is not looked at."""
+    """What flight would refuse by the last telemetry, and what the journal says against it."""
     from kincal.api import operate, reviews
     from kincal.cli.text import operate as text
     from kincal.review import parse_crc
@@ -411,6 +424,7 @@ def _dry_run(verb: str, crc: str, given: Decision, override: str = "") -> None:
         read = reviews.read_journals((), given["journal"], given["key_file"], journals.inspect)
         known = reviews.known(read, number, waits.verdict, waits.armed)
         text.known(console(), known)
+        found = (*found, *_unseen(read, waits.crc, given["by"]))
         if verb == "arm" and known.reasons and not override:
             todo = f"`kincal review reject {waits.crc}`; in an emergency --override REASON"
             found = (*found, operate.Unmet("an override", "none, but there are reasons to reject it", todo))

@@ -354,6 +354,7 @@ def record(
     is approved; kind: of the table that the command is about; answers: line of the question that a comment
     answers. Refuses when the journal was tampered with."""
     check_words(by, why)
+    check_words(by, override.strip() or "-")
     entry = Entry(
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         decision,

@@ -360,20 +360,21 @@ def _check_holder(case: _Case, link: CommandLink) -> None:
         )
 
 
+def remarks_since(before: journal.Journal, seen: Entry, by: str) -> list[str]:
+    """Comments and questions about a correction that others wrote after a line that says that it was seen."""
+    at = max(n for n, entry in enumerate(before.entries, 1) if entry == seen)
+    mine = by.strip().casefold()
+    return [
+        journal.remark_text(n, e)
+        for n, e in enumerate(before.entries, 1)
+        if n > at and e.decision in journal.REMARKS and e.crc == seen.crc and e.by.strip().casefold() != mine
+    ]
+
+
 def _look_at_questions(case: _Case, who: Operator, seen: Entry) -> None:
     """Name the open questions; BadInput if somebody else has asked or said something of the correction since
     `who.by` has seen it: an answer may be a reason to reject it."""
-    entries = case.before.entries
-    at = max(n for n, entry in enumerate(entries, 1) if entry == seen)
-
-    def other(name: str) -> bool:
-        return name.strip().casefold() != who.by.strip().casefold()
-
-    if new := [
-        journal.remark_text(n, entry)
-        for n, entry in enumerate(entries, 1)
-        if n > at and entry.decision in journal.REMARKS and entry.crc == case.text and other(entry.by)
-    ]:
+    if new := remarks_since(case.before, seen, who.by):
         raise BadInput(
             f"{who.by} saw correction {case.text} before this was written: {'; '.join(new)}",
             str(who.journal),
@@ -389,7 +390,8 @@ def _say_overridden(who: Operator, reasons: Sequence[str]) -> None:
 
 
 def check_words_of_override(override: str) -> None:
-    """BadInput if it is too short to be a reason."""
+    """BadInput if it is too short to be a reason, or too long for the journal."""
+    check_words("override", override or "-")
     n = sum(any(map(str.isalnum, word)) for word in override.split())
     if n < LEAST_WORDS:
         raise BadInput(

@@ -19,6 +19,7 @@ _DEGREE = math.pi / 180.0
 _MILLIMETRE = 1e-3
 _FACTOR = 20.0  # times farther than the others, or than the arm reaches: another unit, no motion
 _NEAR = 2.5  # times the reach, within which poses of one arm are to each other
+_FARTHEST = 1.5  # times as far from the middle as the poses in metres
 _SMALL = 0.05  # of the reach: shorter positions say nothing of the unit
 _TURNS = 2.2 * math.pi  # [rad] that readings in radians hardly exceed
 _BEYOND = 0.1  # [rad] outside a limit that counts
@@ -45,15 +46,17 @@ def reach_m(arm: ArmTable) -> float:
 def millimetre_rows(arm: ArmTable, data: Measurements) -> Mask:
     """(N,) poses that are where the others are if their positions are millimetres; none if all are alike."""
     reach = reach_m(arm)
+    lost = ~data.p_m.any(axis=1)  # (0, 0, 0) stands for no measurement
     size = np.maximum(np.linalg.norm(data.p_m, axis=1), _SMALL * reach)
-    ordered = np.sort(size)
-    if data.n < 2 or reach <= 0.0 or (ratio := ordered[1:] / ordered[:-1]).max() < _FACTOR:
+    ordered = np.sort(size[~lost])
+    if len(ordered) < 2 or reach <= 0.0 or (ratio := ordered[1:] / ordered[:-1]).max() < _FACTOR:
         return np.zeros(data.n, dtype=np.bool_)
     far = np.asarray(size > ordered[int(ratio.argmax())], dtype=np.bool_)
     if far.mean() > 0.5 and _spread(data.p_m[far]) < _NEAR * reach:  # far away, and of one arm
         return np.zeros(data.n, dtype=np.bool_)
-    middle = np.median(data.p_m[~far], axis=0)
-    there = np.linalg.norm(_MILLIMETRE * data.p_m - middle, axis=1) <= _NEAR * reach
+    middle = np.median(data.p_m[~far & ~lost], axis=0)
+    near = min(_NEAR * reach, _FARTHEST * np.linalg.norm(data.p_m[~far & ~lost] - middle, axis=1).max())
+    there = np.linalg.norm(_MILLIMETRE * data.p_m - middle, axis=1) <= max(near, _SMALL * reach)
     return np.asarray(far & there, dtype=np.bool_)
 
 
@@ -69,9 +72,12 @@ def degree_rows(arm: ArmTable, data: Measurements) -> Mask:
     if not turning.any():
         return np.zeros(data.n, dtype=np.bool_)
     q = data.q[:, turning]
+    # a controller that counts turns adds one to readings that are inside
+    turns = [np.where(turning, data.q + k * 2.0 * np.pi, data.q) for k in (-1, 0, 1)]
+    full_turns = ~np.logical_and.reduce([_outside(arm, some) for some in turns]).any(axis=1)
     most = _outside(arm, data.q)[:, turning].mean(axis=1) >= _MOST_JOINTS
     inside = ~_outside(arm, data.q * np.where(turning, _DEGREE, 1.0)).any(axis=1)
-    found = most & inside & (np.abs(q).max(axis=1) > _TURNS)
+    found = most & inside & ~full_turns & (np.abs(q).max(axis=1) > _TURNS)
     return np.asarray(found & ~found.all(), dtype=np.bool_)
 
 

@@ -10,7 +10,7 @@ from itertools import count
 from kincal_shared.schema.names import UNNAMED, split_constants
 
 from ..diagnosis import Diagnosis
-from ..prediction.nested import DH, HELD_OUT, NOMINAL
+from ..prediction.nested import DH, HELD_OUT, NOMINAL, NestedModel
 from ..prediction.nextposes import NextPose, would_decide
 from . import explain
 
@@ -102,8 +102,10 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     """DH calibration alone, of an arm that has none yet."""
     if inputs.model:
         return
-    errors = {e.model: e.pos_m for e in d.advised.errors}
-    gain = f" (held-out error {_fall(errors[NOMINAL], errors[DH])})" if _measured(d) and DH in errors else ""
+    errors = {e.model: e for e in d.advised.errors}
+    gain = ""
+    if _measured(d) and DH in errors:
+        gain = f" ({_gain((errors[NOMINAL].pos_m, errors[NOMINAL].usual[0]), errors[DH])})"
     yield Step(
         f"calibrate lengths, angles and frames of the arm{gain}",
         _kincal("fit", *inputs.sources, *inputs.written),
@@ -122,8 +124,8 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
             _kincal("remove", *inputs.written, *(split_constants(text)[0] for text in change.removed)),
         )
     if change.added:
-        before = d.comparison.rms["held"][0]
-        gain = f" (held-out error {_fall(before, change.errors[-1].pos_m)})" if _measured(d) else ""
+        given = d.comparison.rms["held"][0], [*d.comparison.errors_without(d.outliers.ids).values()][-1][0]
+        gain = f" ({_gain(given, change.errors[-1])})" if _measured(d) else ""
         yield Step(
             f"add what was found{gain}{_only_predicting(d)}",
             _kincal("add", *inputs.written, *inputs.library, *change.added),
@@ -148,14 +150,19 @@ def _only_predicting(d: Diagnosis) -> str:
     if not names:
         return ""
     verb = "predicts" if len(names) == 1 else "predict"
-    return (
-        f"; {explain.listed(names)} {verb} better in cross-validation, while something unnamed explains "
-        "more: no cause is shown"
-    )
+    why = "while something unnamed explains more" if d.novel is not None else "while others explain more"
+    return f"; {explain.listed(names)} {verb} better in cross-validation, {why}: no cause is shown"
 
 
 def _measured(d: Diagnosis) -> bool:
     return any(e.block == HELD_OUT for e in d.advised.errors)
+
+
+def _gain(before_m: tuple[float, float], after: NestedModel) -> str:
+    """From an error, with and without outliers, to that of a model; without outliers where there are some."""
+    if after.usual[0] == after.pos_m:
+        return f"held-out error {_fall(before_m[0], after.pos_m)}"
+    return f"held-out error without outliers {_fall(before_m[1], after.usual[0])}"
 
 
 def _fall(before_m: float, after_m: float) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from ..comparison.compare import Comparison
 from ..comparison.fitting import FitResult
 from ..diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
-from ..evidence.adequacy import NoiseFloor, Where
+from ..evidence.adequacy import REPLICATES, NoiseFloor, Where
 from ..evidence.curves import Curve
 from ..prediction.nested import HELD_OUT, NestedModel, NestedModels
 from ..prediction.nextposes import NextPose, would_decide
@@ -241,7 +241,8 @@ def _text(position_m: float | None, rotation_rad: float | None) -> str:
 def comparison_text(c: Comparison) -> str:
     """Numbers, what is left and where, and the worst poses."""
     untested = "cannot be tested: nothing says how large the noise is"
-    p_text = untested if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}"
+    against = REPLICATES if c.noise_floor.source == REPLICATES else "the stated noise"
+    p_text = untested if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}, against {against}"
     lines = [
         f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), "
         f"{c.components} components",
@@ -250,7 +251,7 @@ def comparison_text(c: Comparison) -> str:
         f"reachable          {_reachable_text(c)}",
         f"noise floor        {_floor_text(c.noise_floor)}",
         *design_lines(c),
-        f"chi2 per degree    {c.chi2_per_dof:.3f}",
+        f"chi2 per degree    {c.chi2_per_dof:.3f} {_unit_of_chi2(c)}",
         f"lack of fit        {p_text}",
         f"left over          {explain.left_over(c)}",
         *([f"unseen poses       {explain.unseen(c)}"] if c.p_unseen is not None else []),
@@ -259,6 +260,13 @@ def comparison_text(c: Comparison) -> str:
         *_rest_lines(c),
     ]
     return "\n".join(lines)
+
+
+def _unit_of_chi2(c: Comparison) -> str:
+    """What the residuals are divided by."""
+    if c.data.cov is not None:
+        return "(of the stated noise)"
+    return "(of 1 mm: no noise is stated)" if c.components == 3 else "(of the noise that the residuals show)"
 
 
 def _error_lines(c: Comparison) -> list[str]:
@@ -309,7 +317,7 @@ def _rest_lines(c: Comparison) -> list[str]:
             for w in c.where[:6]
         ],
         "",
-        f"worst poses: {worst}",
+        f"worst poses (sigma of what is left): {worst}",
         f"outliers of {_model_text(c)}: " + (", ".join(c.outliers.ids) or "none"),
         *([note] if note else []),
         *explain.notes(c),
