@@ -683,3 +683,15 @@ def test_a_tracker_that_is_moved_is_no_encoder_that_jumps(library, turn_rad, shi
     assert (found.name, found.accepted) == (named, True)
     assert set(beside) <= set(found.confounded_with)
     assert 43.0 < dict(found.constants)["t0"] < 44.0
+
+
+def test_a_tool_that_is_knocked_is_neither_the_base_nor_an_encoder(arm, library):
+    rng = np.random.default_rng(4)
+    low, high = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
+    q = rng.uniform(low, high, (80, 7))
+    true = np.array([poses.tool_pose(row, np.zeros((7, 4))) for row in q])
+    knock = np.where(np.arange(80)[:, None] < 44, 0.0, [3e-3, -2e-3, 1e-3])
+    p_m = true[:, :3, 3] + np.einsum("nij,nj->ni", true[:, :3, :3], knock) + 1e-4 * rng.normal(size=(80, 3))
+    data = wb.Measurements("made up", tuple(map(str, range(80))), q, p_m, t_s=np.arange(80.0))
+    found = wb.diagnose(arm, data, library).effects[0]
+    assert (found.name, found.accepted) == ("tool_step", True)
