@@ -1,5 +1,6 @@
 """What review and its journal say, by value: limits met exactly, both sides of a bound, each kind of line."""
 
+import datetime
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from kincal.cli.review import _keys_option
 from kincal.flight.tables import decode_as
 from kincal.link import LogEvent, LogSummary, Session
 from kincal.link.eventfile import event_bytes
-from kincal.review import changes, history, journal
+from kincal.review import changes, decisions, history, journal
 from kincal.review.changes import KinValues
 from kincal.review.status import status
 from kincal_shared import keys
@@ -346,6 +347,20 @@ def test_reasons_are_those_of_the_numbers_seen_last_and_of_clearance_whoever_saw
         assert (
             reviews.known(order, 0xB, "change").reasons == reviews.known(order, 0xC, "change").reasons == ()
         )
+
+
+def test_the_first_step_of_a_journal_counts_if_it_can_be_the_one_in_force():
+    """An approval that had expired gave its name and its override to one that somebody else armed."""
+
+    def armed(seconds_ago, **more):
+        when = datetime.datetime.now(datetime.UTC) - datetime.timedelta(seconds=seconds_ago)
+        return replace(entry(journal.ARMED, **more), time=when.isoformat(timespec="seconds"))
+
+    old, new = armed(300, override="old reason here"), armed(60)
+    assert decisions.first_step([old, new, entry("seen")], CRC, 1) is new
+    assert decisions.first_step([new, armed(30, crc=OTHER)], CRC, 0) is new
+    for lines, key in (([armed(3700)], 1), ([old, new], 101), ([armed(30, crc=OTHER)], 1), ([], 1)):
+        assert decisions.first_step(lines, CRC, key) is None
 
 
 def test_a_correction_is_in_the_newest_recording_that_proposes_it(tmp_path):

@@ -200,7 +200,7 @@ def test_the_holder_that_armed_cannot_give_go_and_the_other_completes_it(flight,
     dry = decide(flight, "go", flight.first, "A", path, "--dry-run")
     assert dry.exit_code == 1
     assert "GO with another key than key 1" in " ".join(dry.output.split())
-    assert decide(flight, "go", flight.second, "B", path, "--dry-run").exit_code == 0
+    assert "seen by B" in decide(flight, "go", flight.second, "B", path, "--dry-run").output
     again = " ".join(decide(flight, "arm", flight.second, "B", path).output.split())
     assert "is armed already" in again and "another key than key 1" in again
     assert len(flight.commands) == sent and flight.in_force == before  # nothing of all that was sent
@@ -213,6 +213,7 @@ def test_the_holder_that_armed_cannot_give_go_and_the_other_completes_it(flight,
     assert shown["go_by"] == keys.other_than(1)
 
     see(flight, flight.second, "B", path)
+    assert decide(flight, "go", flight.second, "B", path, "--dry-run").exit_code == 0
     went = decide(flight, "go", flight.second, "B", path)
     assert went.exit_code == 0, went.output
     assert flight.in_force == flight.made.crc

@@ -9,6 +9,7 @@ needs an override, which is signed with the command: flight refuses a poor fit w
 from __future__ import annotations
 
 import dataclasses
+import datetime
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -34,6 +35,7 @@ from . import (
 )
 
 LEAST_WORDS = 3
+_MOST_WAIT_S = 3600.0  # between the two steps, whatever CONFIG says (docs/TABLES.md, approval_timeout_us)
 """Of an override: who reads the journal later has to learn from it why."""
 OVERRIDE = int(library("flight").constant("KC_OVERRIDE_FIT"))
 Say = Callable[[str], None]
@@ -217,10 +219,10 @@ def go(link: CommandLink, crc: str, who: Operator, against: Sequence[str] = (), 
             )
         _check_holder(case, link)
         seen = _seen(case, who, against)
-        armed = [e for e in case.before.entries if (e.decision, e.crc) == (journal.ARMED, case.text)]
-        override, reasons = _overridden(case, seen, armed[-1] if armed else None, override)
-        for entry in armed[-1:]:
-            who.say(f"armed by {entry.by}, {entry.time}: {journal.one_line(entry.why)}")
+        first = first_step(case.before.entries, case.text, case.waits.armed_key)
+        override, reasons = _overridden(case, seen, first, override)
+        if first is not None:
+            who.say(f"armed by {first.by}, {first.time}: {journal.one_line(first.why)}")
         if override:
             who.say(f"by override: {journal.one_line(override)}")
         _say_overridden(who, reasons)
@@ -418,6 +420,18 @@ def _check_override(case: _Case, seen: Entry, override: str) -> list[str]:
     if reasons:
         check_words_of_override(override)
     return reasons
+
+
+def first_step(entries: Sequence[Entry], crc: str, armed_key: int) -> Entry | None:
+    """The line of the first step that is in force, if it is in this journal: the newest one, unless it was
+    given with another key than flight names (0: none is known), or longer ago than flight may wait."""
+    for entry in reversed(entries):
+        if (entry.decision, entry.crc) != (journal.ARMED, crc):
+            continue
+        age = datetime.datetime.now(datetime.UTC) - datetime.datetime.fromisoformat(entry.time)
+        other_key = armed_key and entry.key_id and entry.key_id != armed_key
+        return None if other_key or age.total_seconds() > _MOST_WAIT_S else entry
+    return None
 
 
 def _overridden(case: _Case, seen: Entry, first: Entry | None, override: str) -> tuple[str, list[str]]:
