@@ -589,6 +589,11 @@ def test_a_dry_run_of_a_decision_names_what_flight_would_refuse(
     mine = keys.signer_of(key_file).key.id
     online.hk.armed_key = {"me": mine, "B": mine + keys.HOLDER_NUMBERS}.get(armed_by, 0)
     online.hk.go_by_other_key = bool(armed_by)
+    journal = review.journal.place(None, key_file)
+    shown = review.journal.Entry(
+        "", "", "", "", "", 1, "", {"p_fit": 0.5, "fit_pos_m": 0.0, "before_pos_m": 1.0, "noise_scale": 1.0}
+    )
+    review.record(journal, "seen", CRC, "A", "w", "", shown, keys.signer_of(key_file))
     run = online.run(args[0], f"{CRC:08x}", *args[1:], "--by", "A", "--why", "w", "--dry-run")
     assert run.exit_code == status and not online.commands, run.output
     assert online.now_s == 0.75  # when housekeeping was heard

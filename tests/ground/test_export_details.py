@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kincal.export import calibrated, expressions, files, source, tabular
+from kincal.export import calibrated, expressions, source, tabular
 from kincal.export.calibrated import (
     BASE,
     DH,
@@ -218,12 +218,6 @@ def test_columns_of_points_are_counted_as_the_code_has_them():
     term = FittedTerm(coefficient("lens", (0, TX, 1.0, ())), 0, TX, 1.0, (points, SAG))
     placed = source._placed(term, SimpleNamespace(numbers=(5, 9)))
     assert [b.index for b in placed.bases] == [2, 2] and placed.bases[1] == SAG
-
-
-def test_a_file_that_cannot_be_written_is_an_error_with_its_name(tmp_path):
-    with pytest.raises(BadInput, match="cannot be written") as refused:
-        files._write(tmp_path, "text")
-    assert refused.value.where == str(tmp_path)
 
 
 def test_a_model_with_an_effect_that_nobody_knows_names_its_file(monkeypatch):

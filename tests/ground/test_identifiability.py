@@ -118,7 +118,7 @@ def test_compare_says_it_as_json(files):
     assert ["base.rz_rad", "J1.phi_rad"] in found["not_separate"]
     assert {row["axis"] for row in answer["axes"]["held"]} == {"x", "y", "z"}
     assert set(answer["axes"]["fit"][0]) == {"axis", "rms_mm", "max_mm"}
-    assert set(answer["reachable"]) == {"pos_mm", "rot_mrad", "by"}
+    assert set(answer["reachable"]) == {"pos_mm", "rot_mrad", "without_outliers", "by"}
 
 
 def test_fit_without_a_model_file_is_dh_calibration(files):

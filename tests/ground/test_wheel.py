@@ -155,6 +155,7 @@ CALLS = {
     "model compare": GIVEN,
     "model diagnose": (*GIVEN, "--report", "new/report.html"),
     "model fit": (*GIVEN, "--model", "M.toml"),
+    "model predict": ("--model", "M.toml", "--data", "poses.csv"),
     "model effects": (),
     "model add": ("--model", "new/M.toml", "base_flex"),
     "model remove": ("--model", "new/M.toml", "base_flex"),

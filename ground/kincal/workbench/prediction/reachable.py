@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,7 +36,7 @@ _MOST_PAIRS = 36  # of joints; kernels of more would not fit into memory
 PosRot = tuple[float, float | None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Reachable:
     """Held-out RMS position [m] and rotation [rad] that a black box reaches after the model.
 
@@ -51,9 +51,9 @@ class Reachable:
     shrink: float
     parts: tuple[tuple[str, str], ...] = ()
     enough: bool = True
-    judged: Measurements | None = None
-    model_left: Array | None = None
-    left: Array | None = None
+    judged: Measurements | None = field(default=None, compare=False, repr=False)
+    model_left: Array | None = field(default=None, compare=False, repr=False)
+    left: Array | None = field(default=None, compare=False, repr=False)
 
     def errors_without(self, ids: Collection[str]) -> PosRot:
         """The figures without the poses of these ids."""
