@@ -135,7 +135,7 @@ test: ## everything a change has to pass, with a summary
 	@$(MAKE) --no-print-directory -j4 -k setup build units || $(MAKE) --no-print-directory setup # a failed build is a step's
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log --first build --first unit \
-	    workbench-test ground-test live-test lint integration wcet unit-san sigma-short cov fuzz lint-test oracle mutation-short size heapcheck
+	    live-test integration workbench-test ground-test lint wcet unit-san sigma-short cov fuzz lint-test oracle mutation-short size heapcheck
 
 # libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
 # harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.
