@@ -13,7 +13,7 @@ from kincal_shared.errors import BadInput
 
 _LETTERS = 50  # of its name that a file begun has, as names have a largest length
 _FULL = "free space there, or name a place on another disk"
-TODO = {
+WHAT_TO_DO = {
     errno.ENOSPC: _FULL,
     errno.EDQUOT: _FULL,
     errno.EFBIG: "raise the limit of the size of files (`ulimit -f`), or name a place on another disk",
@@ -53,7 +53,9 @@ def write_files(contents: Mapping[Path, str | bytes]) -> list[Path]:
 def cannot_write(path: Path | str, error: OSError) -> BadInput:
     """What to report of a file that could not be written."""
     why = error.strerror or str(error)
-    return BadInput(f"cannot be written: {why}", str(path), TODO.get(error.errno or 0, "name another place"))
+    return BadInput(
+        f"cannot be written: {why}", str(path), WHAT_TO_DO.get(error.errno or 0, "name another place")
+    )
 
 
 def _begin(path: Path, data: bytes, begun: dict[Path, Path], made: list[Path]) -> None:

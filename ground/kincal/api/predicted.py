@@ -9,7 +9,6 @@ import numpy as np
 
 from kincal.export import CalibratedArm
 from kincal.export.calibrated import BASE, TOOL
-from kincal.workbench.comparison.compare import PosRot
 from kincal.workbench.comparison.fitrecord import file_digest
 from kincal.workbench.comparison.fitting import check_needs
 from kincal.workbench.data.measurements import Measurements
@@ -17,6 +16,7 @@ from kincal.workbench.fit.least_squares import rms
 from kincal.workbench.model.effects import Library, Parameter
 from kincal.workbench.model.flight_model import flight_model
 from kincal.workbench.numerics.types import Array
+from kincal.workbench.prediction.reachable import PosRot
 from kincal_shared.errors import CannotAnswer
 
 _WORST = 5

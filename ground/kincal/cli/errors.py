@@ -11,7 +11,7 @@ import click
 from kincal.cli.terminal import say
 from kincal_shared.errors import BadInput, CannotAnswer, CommandFailed, KincalError
 from kincal_shared.installation import extra_of
-from kincal_shared.writing import TODO, cannot_write
+from kincal_shared.writing import WHAT_TO_DO, cannot_write
 
 EXIT_FAILED = 1  # the work was done and its answer is no
 EXIT_INPUT = 2  # what was given cannot be used
@@ -40,7 +40,7 @@ def _missing_module(module: str, extra: str) -> BadInput:
 def _of_the_system(error: OSError) -> BadInput | None:
     """What to report of a file, or standard output, that the system refused; None if the error is
     of something else."""
-    if error.errno in TODO:
+    if error.errno in WHAT_TO_DO:
         return cannot_write(error.filename or "standard output", error)
     if error.filename is None:
         return None

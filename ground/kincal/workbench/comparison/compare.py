@@ -34,15 +34,12 @@ from ..model.effects import Hypothesis
 from ..model.parameters import given_no_beta, is_beta
 from ..numerics.background import Begin, when_asked
 from ..numerics.types import Array
-from ..prediction.reachable import Reachable, reachable
+from ..prediction.reachable import PosRot, Reachable, reachable
 
 _MIN_POSES = 4
 _MIN_DOF = 1.5
 _MIN_RANK_SHARE = 1.0 / 3.0  # of the coefficients; seven joints that move freely give 28 of 28
 _STILL = 0.02  # [rad or m], a joint that moves less stands still
-
-PosRot = tuple[float, float | None]
-"""RMS position [m] and rotation [rad], None without rotations."""
 
 
 @dataclass(frozen=True)

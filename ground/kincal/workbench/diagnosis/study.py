@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..comparison.compare import Comparison, PosRot
+from ..comparison.compare import Comparison
 from ..data.measurements import Measurements
 from ..data.split import Split
 from ..evidence.adequacy import ADEQUATE_P, lack_of_fit, noise_floor
@@ -22,6 +22,7 @@ from ..model.hypotheses import Competition, merged_if_several
 from ..numerics.types import Array, Groups, array
 from ..prediction.crossval import folds, predicted
 from ..prediction.nested import Block, blocks
+from ..prediction.reachable import PosRot
 from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
 from .posterior import Posterior
 from .subsets import fewest_joints, joints_with

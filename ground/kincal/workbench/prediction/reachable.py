@@ -34,6 +34,7 @@ _MOST_PAIRS = 36  # of joints; kernels of more would not fit into memory
 
 
 PosRot = tuple[float, float | None]
+"""RMS position [m] and rotation [rad], None without rotations."""
 
 
 @dataclass(frozen=True)
