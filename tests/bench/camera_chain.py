@@ -264,7 +264,9 @@ def summary(lines: list[dict]) -> bool:
 def _row(cell: tuple[str, str], own: list[dict]) -> bool:
     made = [x for x in own if "nees" in x]
     if not made:
-        return not own
+        if own:
+            print(f"{cell[0]:13s} {cell[1]:9s} {len(own):5d} runs without a proposal")
+        return not own or cell[0] not in WITHIN
     once = [x for x in made if x["accept"] == made[0]["accept"]]
     n, total = sum(x["n"] for x in once), sum(x["nees"] for x in once)
     low, high = (chi2.ppf(p, n) / n for p in (0.025, 0.975))
