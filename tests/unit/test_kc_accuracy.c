@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "kc_accuracy.h"
-#include "kc_rng.h"
 #include "unity.h"
 
 static kc_accuracy_t s_accuracy;
@@ -102,8 +102,6 @@ void test_a_bound_is_the_quantile_over_the_mean(void)
 
 static double s_S[2][N_ALL][N_ALL],
     s_V[N_ALL][N_ALL]; /* of position, of rotation; covariance of what is unknown */
-
-static double drawn(uint64_t *rng) { return 2.0 * kc_rng_uniform(rng) - 1.0; }
 
 /* Poses of an arm whose every number is different, and their sums. */
 static void given_poses(uint32_t n, uint64_t *rng)

@@ -12,7 +12,6 @@ static kc_terms_t s_terms;
 static kc_est_t s_est;
 static double s_truth[KC_COEF_MAX];
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);

@@ -19,7 +19,6 @@ static kc_arm_state_t *s_arm;
 static kc_config_t *s_config;
 static kc_space_t *s_space;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -14,7 +14,6 @@ static kc_est_t s_est;
 static kc_camera_t s_camera;
 static double s_truth[KC_COEF_MAX];
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);

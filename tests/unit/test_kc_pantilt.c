@@ -12,7 +12,6 @@
 
 static kc_pantilt_t s_unit;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts(); /* pan -1.6 .. 1.6, tilt -0.6 .. 1.4 */

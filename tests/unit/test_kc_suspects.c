@@ -3,12 +3,12 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "given_observations.h"
 #include "given_small_arm.h"
 #include "given_tables.h"
 #include "kc_chi2.h"
 #include "kc_la.h"
-#include "kc_rng.h"
 #include "kc_suspects.h"
 #include "unity.h"
 
@@ -22,7 +22,6 @@ static double s_coef[KC_COEF_MAX], s_bias[KC_JOINT_MAX];
 static uint64_t s_rng;
 static double s_coarser; /* sigmas: times those of observations */
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);
@@ -231,40 +230,14 @@ void test_the_cost_grows_with_observations_and_fits_into_a_step(void)
 
 /* ---- by dense algebra ---- */
 
-/* x of A x = b, six of each; A is positive definite. */
-static void solve6(const double *A, const double *b, double *x)
-{
-    double M[6][7];
-    for (uint32_t i = 0u; i < 6u; i++) {
-        memcpy(M[i], &A[6u * i], 6u * sizeof *A);
-        M[i][6] = b[i];
-    }
-    for (uint32_t k = 0u; k < 6u; k++) {
-        for (uint32_t i = 0u; i < 6u; i++) {
-            double f = i == k ? 0.0 : M[i][k] / M[k][k];
-            for (uint32_t j = k; j < 7u; j++) { M[i][j] -= f * M[k][j]; }
-        }
-    }
-    for (uint32_t i = 0u; i < 6u; i++) { x[i] = M[i][6] / M[i][i]; }
-}
-
-static double dot(const double *a, const double *b)
-{
-    double s = 0.0;
-    for (uint32_t c = 0u; c < 6u; c++) { s += a[c] * b[c]; }
-    return s;
-}
-
-static double drawn(void) { return 2.0 * kc_rng_uniform(&s_rng) - 1.0; }
-
 /* A covariance A A' in which every error goes with every other, of about these sigmas. */
 static void drawn_cov(double A[36], double cov[36])
 {
     for (uint32_t i = 0u; i < 36u; i++) {
         A[i] = s_coarser * (i / 6u < 3u ? OBS_POS_M : OBS_ROT_RAD) *
-               ((i % 7u == 0u ? 1.0 : 0.0) + 0.4 * drawn());
+               ((i % 7u == 0u ? 1.0 : 0.0) + 0.4 * drawn(&s_rng));
     }
-    for (uint32_t i = 0u; i < 36u; i++) { cov[i] = dot(&A[6u * (i / 6u)], &A[6u * (i % 6u)]); }
+    for (uint32_t i = 0u; i < 36u; i++) { cov[i] = dense_dot(&A[6u * (i / 6u)], &A[6u * (i % 6u)], 6u); }
 }
 
 /* Sums over n observations of covariance cov: what biases that move the tool by rows a[o][j] do to the residuals r. */
@@ -279,8 +252,8 @@ static double info(uint32_t i, uint32_t j)
 {
     double y[6], s = 0.0;
     for (uint32_t o = 0u; o < N_DENSE; o++) {
-        solve6(s_d.cov[o], s_d.a[o][j], y);
-        s += dot(s_d.a[o][i], y);
+        dense_solve6(s_d.cov[o], s_d.a[o][j], y);
+        s += dense_dot(s_d.a[o][i], y, 6u);
     }
     return s;
 }
@@ -292,7 +265,7 @@ static double var_of(uint32_t j)
     double together = 0.0, squares = 0.0;
     for (uint32_t o = 0u; o < N_DENSE; o++) {
         double y[6], s2 = 0.0;
-        solve6(s_d.cov[o], s_d.a[o][j], y);
+        dense_solve6(s_d.cov[o], s_d.a[o][j], y);
         for (uint32_t c = 0u; c < 6u; c++) { s2 += y[c] * y[c] * s_d.floor2[c]; }
         together += sqrt(s2);
         squares += s2;
@@ -304,8 +277,8 @@ static double gradient(uint32_t j)
 {
     double y[6], s = 0.0;
     for (uint32_t o = 0u; o < N_DENSE; o++) {
-        solve6(s_d.cov[o], s_d.r[o], y);
-        s += dot(s_d.a[o][j], y);
+        dense_solve6(s_d.cov[o], s_d.r[o], y);
+        s += dense_dot(s_d.a[o][j], y, 6u);
     }
     return s;
 }
@@ -372,10 +345,10 @@ static void given_sliders(uint32_t n_joints)
         double A[36], u[6];
         drawn_cov(A, s_d.cov[o]);
         TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_whiten(s_d.cov[o], 6u, k->W));
-        for (uint32_t c = 0u; c < 6u; c++) { u[c] = drawn(); }
-        for (uint32_t c = 0u; c < 6u; c++) { s_d.r[o][c] = dot(&A[6u * c], u); }
+        for (uint32_t c = 0u; c < 6u; c++) { u[c] = drawn(&s_rng); }
+        for (uint32_t c = 0u; c < 6u; c++) { s_d.r[o][c] = dense_dot(&A[6u * c], u, 6u); }
         for (uint32_t j = 0u; j < n_joints; j++) {
-            for (uint32_t c = 0u; c < 3u; c++) { s_d.a[o][j][c] = drawn(); }
+            for (uint32_t c = 0u; c < 3u; c++) { s_d.a[o][j][c] = drawn(&s_rng); }
         }
         for (uint32_t c = 0u; c < 3u; c++) {
             s_d.r[o][c] += 0.0006 * s_d.a[o][0][c] - 0.0006 * s_d.a[o][1][c];
@@ -393,8 +366,8 @@ static double dense_chances(uint32_t n_joints, double *chance)
     double log_w[KC_JOINT_MAX][KC_JOINT_MAX], trusted = 1.0, sum = 0.0, chi2 = 0.0, y[6];
     bool plausible[KC_JOINT_MAX][KC_JOINT_MAX];
     for (uint32_t o = 0u; o < N_DENSE; o++) {
-        solve6(s_d.cov[o], s_d.r[o], y);
-        chi2 += dot(s_d.r[o], y);
+        dense_solve6(s_d.cov[o], s_d.r[o], y);
+        chi2 += dense_dot(s_d.r[o], y, 6u);
     }
     for (uint32_t pass = 0u; pass < 2u; pass++) {
         for (uint32_t j = 0u; j < n_joints; j++) {

@@ -9,7 +9,6 @@
 #include "kc_view.h"
 #include "unity.h"
 
-void setUp(void);
 void setUp(void) { given_parts(); }
 
 /* The oracle has 128 bits; the numbers are those around which 64 bits come to their ends. */
