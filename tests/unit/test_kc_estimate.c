@@ -942,3 +942,14 @@ void test_from_far_away_no_iteration_makes_the_cost_rise(void)
         }
     }
 }
+
+/* Of a uniform distribution; bounds that meet are a millionth of the scale apart. */
+void test_bounds_count_as_the_sigma_between_them(void)
+{
+    static const double cases[][3] = {
+        {3.0, 0.01, 3.0}, {0.0, 0.01, 1e-8}, {0.0, 20.0, 2e-5}, {1e-3, 0.1, 1e-3}};
+    for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) { /* width, scale, width that counts */
+        const kc_coef_t coef = {.lb = -1.0, .ub = -1.0 + cases[i][0], .scale = cases[i][1]};
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9 * cases[i][2], cases[i][2] / sqrt(12.0), kc_est_bound_sigma(&coef));
+    }
+}
