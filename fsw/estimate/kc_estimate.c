@@ -19,10 +19,10 @@ static bool unit_norm(const double q[4])
 
 static bool ctx_finite(const kc_ctx_t *c)
 {
-    const double one[8] = {c->temp_c,    c->t_s,    c->payload_kg, c->range_m,
-                           c->incid_rad, c->u_norm, c->v_norm,     c->pan_rad + c->tilt_rad};
+    const double one[9] = {c->temp_c, c->t_s,    c->payload_kg, c->range_m, c->incid_rad,
+                           c->u_norm, c->v_norm, c->pan_rad,    c->tilt_rad};
     return kc_v_finite(c->q, KC_JOINT_MAX) && kc_v_finite(c->dir, KC_JOINT_MAX) &&
-           kc_v_finite(c->qdot, KC_JOINT_MAX) && kc_v_finite(c->g_m_s2, 3u) && kc_v_finite(one, 8u) &&
+           kc_v_finite(c->qdot, KC_JOINT_MAX) && kc_v_finite(c->g_m_s2, 3u) && kc_v_finite(one, 9u) &&
            kc_v_finite(c->p_cam_tool_m, 3u);
 }
 

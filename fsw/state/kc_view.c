@@ -9,12 +9,10 @@
 uint64_t kc_view_elapsed(const kc_view_t *view, uint64_t stamp_us)
 {
     const kc_clock_t *c = view->clock;
-    if (stamp_us > c->clock_us) {
-        uint64_t ahead = stamp_us - c->clock_us;
-        return ahead > UINT64_MAX - c->now_us ? UINT64_MAX : c->now_us + ahead;
-    }
-    uint64_t age = c->clock_us - stamp_us;
-    return age > c->now_us ? 0u : c->now_us - age;
+    bool back = stamp_us < c->clock_us;
+    uint64_t us = c->now_us + (stamp_us - c->clock_us); /* modulo 2^64 */
+    if ((us < c->now_us) == back) { return us; }
+    return back ? 0u : UINT64_MAX;
 }
 
 uint32_t kc_view_stride(const kc_view_t *view)

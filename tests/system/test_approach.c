@@ -8,7 +8,6 @@
 #define APP (&kc_app_instance)
 #define BY 0.05
 
-void setUp(void);
 void setUp(void)
 {
     given_world();

@@ -10,7 +10,6 @@
 
 static uint32_t s_crc, s_before;
 
-void setUp(void);
 void setUp(void)
 {
     given_world();

@@ -14,7 +14,6 @@
 static uint8_t s_image[KC_IMAGE_MAX], s_dumped[KC_IMAGE_MAX];
 static uint32_t s_n;
 
-void setUp(void);
 void setUp(void) { given_world(); }
 
 static void given_idle(void)

@@ -370,7 +370,6 @@ static void close_store(void)
     s_f.dir_fd = -1;
 }
 
-void setUp(void);
 void setUp(void)
 {
     s_n_open = open_files();
@@ -390,7 +389,6 @@ void setUp(void)
     kc_app_keys(APP, &world.keys);
 }
 
-void tearDown(void);
 void tearDown(void)
 {
     char cmd[192];

@@ -6,7 +6,6 @@
 
 static uint32_t s_crc;
 
-void setUp(void);
 void setUp(void)
 {
     given_world();

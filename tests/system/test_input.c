@@ -8,7 +8,6 @@
 
 #define APP (&kc_app_instance)
 
-void setUp(void);
 void setUp(void) { given_world(); }
 
 static void nothing(kc_arm_state_t *s) { (void)s; }

@@ -10,7 +10,6 @@
 
 static uint8_t s_rec[KC_JOURNAL_BYTES];
 
-void setUp(void);
 void setUp(void) { given_world(); }
 
 static void given_record(void)

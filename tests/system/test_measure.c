@@ -10,7 +10,6 @@
 
 static uint32_t s_n;
 
-void setUp(void);
 void setUp(void)
 {
     given_world();

@@ -10,7 +10,6 @@
 
 static double s_target[KC_JOINT_MAX];
 
-void setUp(void);
 void setUp(void)
 {
     given_world();

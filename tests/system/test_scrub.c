@@ -8,7 +8,6 @@
 #define APP (&kc_app_instance)
 #define ROUND 100u /* ticks in which all of the memory has been looked at */
 
-void setUp(void);
 void setUp(void)
 {
     given_world();

@@ -11,7 +11,6 @@
 
 static kc_table_chunk_t s_chunk;
 
-void setUp(void);
 void setUp(void)
 {
     given_world();

@@ -31,7 +31,6 @@ static void given_slipped(const double bias[7])
 
 static const double FOURTH[7] = {0.0, 0.0, 0.0, 0.08, 0.0, 0.0, 0.0};
 
-void setUp(void);
 void setUp(void) { given_slipped(FOURTH); }
 
 /* Idle, and the monitor names joints with these chances, as if it had weighed them. */

@@ -7,7 +7,6 @@
 
 #define APP (&kc_app_instance)
 
-void setUp(void);
 void setUp(void)
 {
     given_world();

@@ -3,15 +3,15 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "kc_accuracy.h"
-#include "kc_rng.h"
 #include "unity.h"
 
 static kc_accuracy_t s_accuracy;
 static kc_est_t s_est;
 static kc_terms_t s_terms;
 static kc_eval_t s_eval;
-static double s_chain[6][KC_CHAIN_COUNT], s_known[KC_CHAIN_COUNT];
+static double s_chain[6][KC_CHAIN_COUNT], s_known[KC_CHAIN_COUNT + 1u];
 
 void setUp(void)
 {
@@ -103,8 +103,6 @@ void test_a_bound_is_the_quantile_over_the_mean(void)
 static double s_S[2][N_ALL][N_ALL],
     s_V[N_ALL][N_ALL]; /* of position, of rotation; covariance of what is unknown */
 
-static double drawn(uint64_t *rng) { return 2.0 * kc_rng_uniform(rng) - 1.0; }
-
 /* Poses of an arm whose every number is different, and their sums. */
 static void given_poses(uint32_t n, uint64_t *rng)
 {
@@ -125,11 +123,16 @@ static void given_poses(uint32_t n, uint64_t *rng)
     }
 }
 
-/* Covariance A A' of the coefficients, times scale^2; of the chain unit, with a mean. */
+/* Covariance A A' of the coefficients, times scale^2; of the chain unit, with a mean. Behind all of it is no number. */
 static void given_unknown(double scale, uint64_t *rng)
 {
     double A[3][3];
     memset(s_V, 0, sizeof s_V);
+    for (uint32_t k = 0u; k < KC_COEF_MAX * KC_COEF_MAX; k++) { s_est.cov[k] = NAN; }
+    for (uint32_t k = N_ALL * (N_ALL + 1u) / 2u; k < sizeof s_accuracy.pos / sizeof *s_accuracy.pos; k++) {
+        s_accuracy.pos[k] = s_accuracy.rot[k] = (float)NAN;
+    }
+    s_known[KC_CHAIN_COUNT] = NAN;
     for (uint32_t i = 0u; i < 3u; i++) {
         for (uint32_t j = 0u; j < 3u; j++) { A[i][j] = 1e-3 * drawn(rng); }
     }
@@ -152,7 +155,7 @@ static void given_unknown(double scale, uint64_t *rng)
 static double dense_dof(double (*S)[N_ALL])
 {
     double P[N_ALL][N_ALL], Sb[N_ALL], b[N_ALL] = {0.0}, mean = 0.0, var = 0.0;
-    memcpy(&b[3], s_known, sizeof s_known);
+    memcpy(&b[3], s_known, KC_CHAIN_COUNT * sizeof *b);
     for (uint32_t i = 0u; i < N_ALL; i++) {
         Sb[i] = 0.0;
         for (uint32_t j = 0u; j < N_ALL; j++) {

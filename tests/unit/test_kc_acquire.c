@@ -23,7 +23,6 @@ static double s_truth[KC_COEF_MAX];
 static uint32_t s_c;
 static double s_value;
 
-void setUp(void);
 void setUp(void)
 {
     uint64_t rng = 11u;

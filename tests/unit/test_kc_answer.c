@@ -6,7 +6,6 @@
 
 static kc_events_t s_ev;
 
-void setUp(void);
 void setUp(void) { memset(&s_ev, 0, sizeof s_ev); }
 
 static void expect(kc_answer_t a, kc_status_t status, kc_event_id_t event, kc_outcome_id_t outcome)

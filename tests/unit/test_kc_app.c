@@ -21,7 +21,6 @@ enum { NONE, RIGHT, OTHER, OLDEST, KINS };
 static uint32_t s_crc[KINS];
 static kc_journal_t s_named;
 
-void setUp(void);
 void setUp(void)
 {
     kc_app_init(APP);

@@ -9,7 +9,6 @@
 
 #define BY_RAD 0.05
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -8,7 +8,6 @@
 
 static kc_arm_t s_arm;
 
-void setUp(void);
 void setUp(void) { given_small_arm(&s_arm); }
 
 /* Rz(phi) Tz(d) Tx(a) Rx(alpha), multiplied out by hand. */

@@ -10,7 +10,6 @@
 static kc_ctx_t s_ctx;
 static kc_loads_t s_loads;
 
-void setUp(void);
 void setUp(void)
 {
     memset(&s_ctx, 0, sizeof s_ctx);

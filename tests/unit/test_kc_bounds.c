@@ -11,7 +11,6 @@ static kc_arm_t s_arm;
 static kc_terms_t s_terms;
 static kc_bounds_bad_t s_bad;
 
-void setUp(void);
 void setUp(void)
 {
     memset(&s_space, 0, sizeof s_space);

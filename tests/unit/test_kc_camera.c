@@ -42,7 +42,6 @@ static void given_camera(void)
     }
 }
 
-void setUp(void);
 void setUp(void) { given_camera(); }
 
 static void in_camera(double pan, double tilt, const double p_base[3], double p_cam[3])

@@ -43,7 +43,6 @@ static void given_staged_kin(void)
 }
 
 /* A correction in force, one before it, one that waits, and a CONFIG that is staged. */
-void setUp(void);
 void setUp(void)
 {
     static uint8_t image[KC_IMAGE_MAX];

@@ -10,7 +10,6 @@ static kc_check_t s_c;
 static int32_t s_index;
 static double s_got;
 
-void setUp(void);
 void setUp(void)
 {
     s_c = kc_check_start();

@@ -16,7 +16,6 @@ static kc_start_t s_ask;
 static kc_cmd_log_t s_log;
 static kc_tbl_scratch_t s_scratch;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

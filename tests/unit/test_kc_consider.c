@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "kc_consider.h"
-#include "kc_rng.h"
 #include "unity.h"
 
 static kc_consider_t s_con;
@@ -43,7 +43,6 @@ static void given_sums(double first, double second)
     kc_consider_end(&s_con, &s_est);
 }
 
-void setUp(void);
 void setUp(void) { given_sums(2.0, 3.0); }
 
 void test_an_error_that_the_coefficient_imitates_goes_into_its_covariance(void)
@@ -151,31 +150,6 @@ static struct {
 static double s_all[N_ALL][N_ALL], s_rhs[N_ALL], s_cov[N_ALL][N_ALL], s_solution[N_ALL];
 static uint64_t s_rng;
 
-static double uniform(void) { return 2.0 * kc_rng_uniform(&s_rng) - 1.0; }
-
-/* Inverse of a positive definite matrix of n, at the top left of N_ALL x N_ALL, by Gauss and Jordan. */
-static void invert(uint32_t n, const double in[N_ALL][N_ALL], double out[N_ALL][N_ALL])
-{
-    static double a[N_ALL][N_ALL];
-    memcpy(a, in, sizeof a);
-    memset(out, 0, sizeof a);
-    for (uint32_t i = 0u; i < n; i++) { out[i][i] = 1.0; }
-    for (uint32_t k = 0u; k < n; k++) {
-        double pivot = a[k][k];
-        for (uint32_t j = 0u; j < n; j++) {
-            a[k][j] /= pivot;
-            out[k][j] /= pivot;
-        }
-        for (uint32_t i = 0u; i < n; i++) {
-            double f = i == k ? 0.0 : a[i][k];
-            for (uint32_t j = 0u; j < n; j++) {
-                a[i][j] -= f * a[k][j];
-                out[i][j] -= f * out[k][j];
-            }
-        }
-    }
-}
-
 /* Whitened row k of unknown i of a pose: coefficients, then the chain. */
 static double element(uint32_t pose, uint32_t i, uint32_t k)
 {
@@ -204,7 +178,7 @@ static double least_squares(uint32_t n, double scale, const double r[N_POSE][6])
         }
     }
     for (uint32_t i = 0u; i < n; i++) { s_all[N_COEF + i][N_COEF + i] += 1.0; }
-    invert(N_COEF + n, s_all, s_cov);
+    dense_invert(N_COEF + n, N_ALL, s_all[0], s_cov[0]);
     for (uint32_t i = 0u; i < N_COEF + n; i++) {
         s_solution[i] = 0.0;
         for (uint32_t j = 0u; j < N_COEF + n; j++) { s_solution[i] += s_cov[i][j] * s_rhs[j]; }
@@ -224,12 +198,12 @@ static void given_poses(void)
     s_est.terms = &s_terms;
     for (uint32_t p = 0u; p < N_POSE; p++) {
         for (uint32_t k = 0u; k < 6u; k++) {
-            s_before[p][k] = 3.0 * uniform();
+            s_before[p][k] = 3.0 * drawn(&s_rng);
             for (uint32_t j = 0u; j < 6u; j++) {
-                s_pose[p].W[6u * k + j] = j < k ? 0.3 * uniform() : j == k ? 1.5 + uniform() : 0.0;
+                s_pose[p].W[6u * k + j] = j < k ? 0.3 * drawn(&s_rng) : j == k ? 1.5 + drawn(&s_rng) : 0.0;
             }
-            for (uint32_t i = 0u; i < N_COEF; i++) { s_pose[p].J[i][k] = uniform(); }
-            for (uint32_t i = 0u; i < KC_CHAIN_COUNT; i++) { s_pose[p].H[i][k] = 0.7 * uniform(); }
+            for (uint32_t i = 0u; i < N_COEF; i++) { s_pose[p].J[i][k] = drawn(&s_rng); }
+            for (uint32_t i = 0u; i < KC_CHAIN_COUNT; i++) { s_pose[p].H[i][k] = 0.7 * drawn(&s_rng); }
         }
     }
     (void)least_squares(0u, 1.0, (const double(*)[6])s_before);
@@ -283,7 +257,7 @@ void test_what_is_visible_of_a_coefficient_is_what_the_chain_cannot_imitate(void
                     own[i][j] = s_all[i == 0u ? c : N_COEF + i - 1u][j == 0u ? c : N_COEF + j - 1u];
                 }
             }
-            invert(n[k] + 1u, (const double(*)[N_ALL])own, inverse);
+            dense_invert(n[k] + 1u, N_ALL, own[0], inverse[0]);
             TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0 / inverse[0][0], s_con.visible[c]);
         }
     }
@@ -301,7 +275,7 @@ void test_before_the_estimate_the_coefficients_explain_nothing(void)
     for (uint32_t i = 0u; i < KC_CHAIN_COUNT; i++) {
         memcpy(chain[i], &s_all[N_COEF + i][N_COEF], KC_CHAIN_COUNT * sizeof(double));
     }
-    invert(KC_CHAIN_COUNT, (const double(*)[N_ALL])chain, inverse);
+    dense_invert(KC_CHAIN_COUNT, N_ALL, chain[0], inverse[0]);
     for (uint32_t i = 0u; i < KC_CHAIN_COUNT; i++) {
         for (uint32_t j = 0u; j < KC_CHAIN_COUNT; j++) {
             off += s_rhs[N_COEF + i] * inverse[i][j] * s_rhs[N_COEF + j];
@@ -346,7 +320,7 @@ static void assert_predicted(double scale, bool from_camera)
     moved(S);
     (void)least_squares(KC_CHAIN_COUNT, scale, (const double(*)[6])s_after);
     for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
-        for (uint32_t a = 0u; a < 6u; a++) { seen[k][a] = uniform(); }
+        for (uint32_t a = 0u; a < 6u; a++) { seen[k][a] = drawn(&s_rng); }
     }
     for (uint32_t a = 0u; a < 6u; a++) {
         double e[KC_CHAIN_COUNT], mean = 0.0;

@@ -13,7 +13,6 @@
 static kc_config_t *s_config;
 static kc_cand_t *s_cand;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -7,7 +7,6 @@
 
 static kc_counters_t s_c;
 
-void setUp(void);
 void setUp(void) { memset(&s_c, 0, sizeof s_c); }
 
 #define OTHER_A 1001u /* two keys of another holder, in every file: two places are left */

@@ -17,7 +17,6 @@ static kc_out_t s_out;
 static kc_work_t s_work;
 static bool s_signed, s_aborted;
 
-void setUp(void);
 void setUp(void)
 {
     given_app();

@@ -11,7 +11,6 @@ static kc_dump_t s_dump;
 static kc_review_t s_review;
 static uint8_t s_image[KC_IMAGE_MAX];
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -142,10 +142,8 @@ static void given_edge(bool live)
     (void)lcm_subscription_set_queue_capacity(lcm_subscribe(s_e.lcm, "KC_.*", on_any, NULL), 10000);
 }
 
-void setUp(void);
 void setUp(void) { given_edge(false); }
 
-void tearDown(void);
 void tearDown(void)
 {
     char cmd[80];

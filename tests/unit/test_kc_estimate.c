@@ -3,6 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "kc_chi2.h"
 #include "given_observations.h"
 #include "given_tables.h"
@@ -16,7 +17,6 @@ static kc_est_t s_est, s_other;
 static kc_obs_t s_obs;
 static double s_truth[KC_COEF_MAX];
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);
@@ -709,29 +709,6 @@ void test_an_observation_damaged_during_the_fit_never_gives_a_covariance_that_is
 #define N_DH 28u
 typedef double matrix_t[N_DH][N_DH];
 
-/* Inverse of the leading n x n of a positive definite matrix, by Gauss and Jordan. */
-static void invert(uint32_t n, const matrix_t in, matrix_t out)
-{
-    static matrix_t a;
-    memcpy(a, in, sizeof a);
-    memset(out, 0, sizeof a);
-    for (uint32_t i = 0u; i < n; i++) { out[i][i] = 1.0; }
-    for (uint32_t k = 0u; k < n; k++) {
-        double pivot = a[k][k];
-        for (uint32_t j = 0u; j < n; j++) {
-            a[k][j] /= pivot;
-            out[k][j] /= pivot;
-        }
-        for (uint32_t i = 0u; i < n; i++) {
-            double f = i == k ? 0.0 : a[i][k];
-            for (uint32_t j = 0u; j < n; j++) {
-                a[i][j] -= f * a[k][j];
-                out[i][j] -= f * out[k][j];
-            }
-        }
-    }
-}
-
 static struct {
     double chi2, prior, pos2, rot2, grad[N_DH];
     uint32_t rows, n_pos, n_rot;
@@ -807,7 +784,7 @@ static void assert_report(const double *sigma, const double *centre)
     }
     TEST_ASSERT_TRUE(worst < 1e-5);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, worst, s_est.kkt);
-    invert(n, (const double(*)[N_DH])inside, cov);
+    dense_invert(n, N_DH, inside[0], cov[0]);
     for (uint32_t i = 0u; i < n; i++) {
         assert_close(sqrt(cov[i][i]), s_est.sigma[idx[i]]);
         for (uint32_t j = 0u; j < n; j++) {
@@ -963,5 +940,16 @@ void test_from_far_away_no_iteration_makes_the_cost_rise(void)
             TEST_ASSERT_TRUE(s_sum.chi2 <= cost * (1.0 + 1e-12));
             cost = s_sum.chi2;
         }
+    }
+}
+
+/* Of a uniform distribution; bounds that meet are a millionth of the scale apart. */
+void test_bounds_count_as_the_sigma_between_them(void)
+{
+    static const double cases[][3] = {
+        {3.0, 0.01, 3.0}, {0.0, 0.01, 1e-8}, {0.0, 20.0, 2e-5}, {1e-3, 0.1, 1e-3}};
+    for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) { /* width, scale, width that counts */
+        const kc_coef_t coef = {.lb = -1.0, .ub = -1.0 + cases[i][0], .scale = cases[i][1]};
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9 * cases[i][2], cases[i][2] / sqrt(12.0), kc_est_bound_sigma(&coef));
     }
 }

@@ -17,7 +17,6 @@ static double s_chain[6][KC_CHAIN_COUNT];
 
 /* Coefficient 0 moves the tool by 2 m and turns it by 0.5 rad for each unit, coefficient 1 only turns it, by
  * 1 rad. For errors of 20 mm and 20 mrad they are 0.01 and 0.02 in size; their chi-square is 10 and 20. */
-void setUp(void);
 void setUp(void)
 {
     memset(&s_evaluated, 0, sizeof s_evaluated);

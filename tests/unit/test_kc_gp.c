@@ -23,7 +23,6 @@ static void random_point(uint64_t *rng, kc_point_t *x)
     (void)kc_quat_normalize(x->q_wxyz);
 }
 
-void setUp(void);
 void setUp(void)
 {
     uint64_t rng = 3u;

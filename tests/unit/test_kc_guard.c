@@ -4,8 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "given_tables.h"
-#include "kc_rng.h"
 #include "unity.h"
 
 #define NODE(c) (KC_HUB_MAX + (c))
@@ -20,7 +20,6 @@ static kc_guard_reason_t s_why;
 static kc_guard_arm_t s_g; /* all frames at the base */
 static uint32_t s_body, s_volume;
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);
@@ -707,8 +706,6 @@ void test_a_segment_is_left_by_twice_the_tolerance_at_most(void)
         TEST_ASSERT_EQUAL_INT(KC_GUARD_PATH, kc_guard_check(&s_ask, &s_why));
     }
 }
-
-static double drawn(uint64_t *rng) { return 2.0 * kc_rng_uniform(rng) - 1.0; }
 
 static kc_body_t drawn_rod(uint64_t *rng)
 {

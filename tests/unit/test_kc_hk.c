@@ -6,7 +6,6 @@
 
 static kc_hk_state_t s_counts;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

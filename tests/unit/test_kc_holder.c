@@ -6,7 +6,6 @@
 
 static kc_config_t *s_config;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -12,7 +12,6 @@ static kc_terms_t s_terms;
 static kc_est_t s_est;
 static double s_truth[KC_COEF_MAX];
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);
@@ -336,5 +335,74 @@ void test_coefficients_that_terms_do_not_have_are_left_alone(void)
             TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[c]);
         }
         given_terms(&s_terms);
+    }
+}
+
+/* R is `by` times these numbers, of coefficients that are in units of their scale. */
+static void identify_by_hand(uint32_t n, const uint8_t *column, const double R[4][4], double by)
+{
+    memset(&s_est, 0, sizeof s_est);
+    s_est.terms = &s_terms;
+    s_est.opt.rank_tol = 1e-4;
+    s_est.n_column = n;
+    uint64_t requested = 0u;
+    for (uint32_t i = 0u; i < n; i++) {
+        requested |= (uint64_t)1u << column[i];
+        s_terms.coef[column[i]].scale = 0.01 * (i + 1.0);
+        s_est.column[i] = column[i];
+        for (uint32_t k = 0u; k <= i; k++) {
+            s_est.R[k * KC_EST_LD + i] = by * R[k][i] / s_terms.coef[column[i]].scale;
+        }
+    }
+    kc_est_identify(&s_est, requested);
+}
+
+/* With less the coefficient is known worse than its scale. */
+void test_a_coefficient_is_estimated_from_an_information_of_one_on(void)
+{
+    static const double one[4][4] = {{1.0}};
+    const uint8_t column = 3u;
+    for (uint32_t k = 0u; k < 2u; k++) {
+        identify_by_hand(1u, &column, one, k == 0u ? 0.999 : 1.001);
+        TEST_ASSERT_EQUAL_UINT32(k, s_est.rank);
+        TEST_ASSERT_EQUAL_UINT8(k == 0u ? KC_COEF_HELD : KC_COEF_ESTIMATED, s_est.status[3]);
+    }
+}
+
+/* By hand: a, b, c, and d = x b + y c + part a, or the first three in another order; q and s are cosine and sine. The
+ * largest of |x|, 0.99 and the 1 of d itself is what the part has to exceed a thousandth of. */
+void test_parts_of_a_null_direction_count_by_the_largest(void)
+{
+    static const uint8_t column[4] = {1u, 4u, 5u, 7u};
+    static const struct {
+        uint32_t b; /* place of b: 0, and a is last, or 1 */
+        double towards; /* d goes along b or against it: x is 0.01 or -1.63 */
+        double part;
+        bool member;
+    } cases[] = {{0u, -1.0, 1.5e-3, false}, {0u, -1.0, 1.8e-3, true},  {1u, -1.0, -1.5e-3, false},
+                 {1u, -1.0, -1.8e-3, true}, {0u, 1.0, -0.9e-3, false}, {1u, 1.0, 1.2e-3, true}};
+    const double q = 0.9, s = sqrt(1.0 - q * q);
+    for (uint32_t k = 0u; k < sizeof cases / sizeof cases[0]; k++) {
+        const uint32_t b = cases[k].b, c = b + 1u, a = b == 0u ? 2u : 0u;
+        const double size = b == 0u ? 0.3 : 4.0;
+        uint64_t want = (uint64_t)1u << column[b] | (uint64_t)1u << column[c];
+        double R[4][4] = {{0.0}};
+        R[a][a] = size;
+        R[b][b] = 1.1;
+        R[b][c] = q;
+        R[c][c] = 1.01 * s;
+        R[a][3] = size * cases[k].part;
+        R[b][3] = cases[k].towards * q;
+        R[c][3] = s;
+        identify_by_hand(4u, column, (const double(*)[4])R, 1e4);
+        if (cases[k].member) { want |= (uint64_t)1u << column[a]; }
+        TEST_ASSERT_EQUAL_UINT32(3u, s_est.rank);
+        TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[7]);
+        TEST_ASSERT_EQUAL_HEX64(want, s_est.confounded[7]);
+        for (uint32_t i = 0u; i < 3u; i++) {
+            const uint64_t in = want >> column[i] & 1u;
+            const uint64_t others = (want | 0x80u) & ~((uint64_t)1u << column[i]);
+            TEST_ASSERT_EQUAL_HEX64(in * others, s_est.confounded[column[i]]);
+        }
     }
 }

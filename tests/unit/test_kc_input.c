@@ -19,7 +19,6 @@ static kc_frames_t s_frames;
 static kc_detection_t *const s_det = &s_in.det[0];
 
 /* Good messages for this step: arm and pan-tilt unit, and one frame that is awaited after another one was taken. */
-void setUp(void);
 void setUp(void)
 {
     given_parts();

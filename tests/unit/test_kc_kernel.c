@@ -14,7 +14,6 @@ static double s_got;
 static const double ONE[4] = {1.0, 0.0, 0.0, 0.0};
 static const double HALF_TURN[4] = {0.0, 0.0, 1.0, 0.0};
 
-void setUp(void);
 void setUp(void)
 {
     given_kernel(&s_k);

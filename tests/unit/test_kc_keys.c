@@ -38,7 +38,6 @@ int fstat(int fd, struct stat *st)
     return errno != 0 ? -1 : ((int (*)(int, struct stat *))dlsym(RTLD_NEXT, "fstat"))(fd, st);
 }
 
-void setUp(void);
 void setUp(void)
 {
     memcpy(s_dir, "/tmp/kc_keys_XXXXXX", 20u);
@@ -46,7 +45,6 @@ void setUp(void)
     (void)snprintf(s_path, sizeof s_path, "%s/keys", s_dir);
 }
 
-void tearDown(void);
 void tearDown(void)
 {
     (void)remove(s_path);

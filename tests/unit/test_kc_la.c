@@ -2,8 +2,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "kc_la.h"
-#include "kc_rng.h"
 #include "unity.h"
 
 #define LD 13u
@@ -12,14 +12,11 @@
 static double s_A[LD * LD], s_B[LD * LD], s_C[LD * LD];
 static uint64_t s_rng;
 
-static double uniform(void) { return 2.0 * kc_rng_uniform(&s_rng) - 1.0; }
-
-void setUp(void);
 void setUp(void)
 {
     s_rng = 3u;
     for (uint32_t i = 0u; i < LD * LD; i++) {
-        s_A[i] = uniform();
+        s_A[i] = drawn(&s_rng);
         s_B[i] = s_C[i] = i < N * LD ? -777.0 : -888.0; /* what must not be touched */
     }
 }
@@ -78,7 +75,7 @@ void test_cholesky_solve_solves(void)
     given_definite();
     memcpy(s_C, s_B, sizeof s_C);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_chol(s_C, N, LD));
-    for (uint32_t i = 0u; i < N; i++) { x[i] = b[i] = uniform(); }
+    for (uint32_t i = 0u; i < N; i++) { x[i] = b[i] = drawn(&s_rng); }
     kc_la_chol_solve(s_C, N, LD, x);
     for (uint32_t i = 0u; i < N; i++) {
         double s = 0.0;
@@ -124,7 +121,7 @@ void test_packed_rows_appended_one_by_one_are_the_cholesky_factor(void)
         for (uint32_t j = 0u; j <= i; j++) {
             TEST_ASSERT_DOUBLE_WITHIN(1e-14, s_C[i * LD + j], packed[i * (i + 1u) / 2u + j]);
         }
-        x[i] = y[i] = uniform();
+        x[i] = y[i] = drawn(&s_rng);
     }
     kc_la_packed_solve(packed, N, x);
     kc_la_solve_lower(s_C, N, LD, y);
@@ -151,7 +148,7 @@ void test_folding_rows_keeps_the_normal_equations(void)
     for (uint32_t rows = 1u; rows <= 6u; rows++) {
         double blk[6][6]; /* column after column; rows that are missing are zero */
         for (uint32_t i = 0u; i <= n; i++) {
-            for (uint32_t r = 0u; r < 6u; r++) { blk[i][r] = r < rows ? uniform() : 0.0; }
+            for (uint32_t r = 0u; r < 6u; r++) { blk[i][r] = r < rows ? drawn(&s_rng) : 0.0; }
         }
         for (uint32_t r = 0u; r < rows; r++) {
             for (uint32_t i = 0u; i <= n; i++) {
@@ -178,7 +175,7 @@ void test_taking_columns_forgets_the_others(void)
     for (uint32_t set = 0u; set < sizeof keep / sizeof keep[0]; set++) {
         double R[5 * 8] = {0.0}, before[5 * 8];
         for (uint32_t i = 0u; i < n; i++) {
-            for (uint32_t j = 0u; j <= n; j++) { R[i * ld + j] = j >= i ? uniform() : 555.0; }
+            for (uint32_t j = 0u; j <= n; j++) { R[i * ld + j] = j >= i ? drawn(&s_rng) : 555.0; }
         }
         memcpy(before, R, sizeof R);
         kc_la_take_columns(R, n, ld, keep[set], m);
@@ -248,7 +245,7 @@ void test_upper_solves_and_products_undo_each_other(void)
     double x[N], y[N + 1u], z[N], side[6u * N + 1u];
     y[N] = side[6u * N] = 77.0;
     given_upper(N);
-    for (uint32_t i = 0u; i < N; i++) { x[i] = uniform(); }
+    for (uint32_t i = 0u; i < N; i++) { x[i] = drawn(&s_rng); }
     kc_la_upper_t_mul(s_A, N, LD, x, y);
     for (uint32_t i = 0u; i < 6u * N; i++) { side[i] = y[i / 6u] * (1.0 + (double)(i % 6u)); }
     kc_la_solve_upper_t(s_A, N, LD, side);
@@ -336,7 +333,7 @@ void test_several_dependent_columns_are_the_sums_that_are_returned(void)
     for (uint32_t i = 0u; i < n; i++) {
         s_scale[i] = 1.0 + 0.25 * (double)i;
         for (uint32_t j = 0u; j < n; j++) {
-            A[i * ld + j] = j < i ? 0.0 : j == i ? 3.0 + (double)i : uniform();
+            A[i * ld + j] = j < i ? 0.0 : j == i ? 3.0 + (double)i : drawn(&s_rng);
         }
         A[i * ld + n] = 555.0;
     }
@@ -438,7 +435,7 @@ void test_small_products_are_what_they_say(void)
     const uint32_t m = 4u, ldj = 6u, at[3] = {1u, 4u, 6u};
     double J[N * 6], part[3 * 6], C[36], P[36], out[N * 4];
     given_definite();
-    for (uint32_t i = 0u; i < N * 6u; i++) { J[i] = uniform(); }
+    for (uint32_t i = 0u; i < N * 6u; i++) { J[i] = drawn(&s_rng); }
     kc_la_mul(s_B, N, LD, J, m, ldj, out);
     memcpy(s_C, s_B, sizeof s_C);
     for (uint32_t i = 0u; i < N; i++) { /* the upper triangle is not read */

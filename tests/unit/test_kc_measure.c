@@ -15,7 +15,6 @@ static kc_request_t s_request;
 static kc_detection_t s_det;
 
 /* A frame is awaited. */
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "given_small_arm.h"
 #include "kc_model.h"
 #include "unity.h"
@@ -30,7 +31,6 @@ static void add_term(uint8_t frame, uint8_t comp, uint8_t var, uint8_t index)
     s_t.n_term++;
 }
 
-void setUp(void);
 void setUp(void)
 {
     given_small_arm(&s_arm);
@@ -43,11 +43,6 @@ void setUp(void)
     s_ctx.g_m_s2[2] = -9.81;
 }
 
-static void assert_doubles(const double *want, const double *got, int n, double tol)
-{
-    for (int i = 0; i < n; i++) { TEST_ASSERT_DOUBLE_WITHIN(tol, want[i], got[i]); }
-}
-
 void test_without_corrections_it_is_the_nominal_arm(void)
 {
     kc_pose_t T;
@@ -55,8 +50,8 @@ void test_without_corrections_it_is_the_nominal_arm(void)
     kc_arm_fk(&s_arm, s_ctx.q, &T);
     kc_model_loads(&s_arm, &s_t, NULL, &s_ctx, &s_loads);
     kc_model_eval(&s_arm, &s_t, NULL, &s_ctx, &s_loads, true, &s_ev);
-    assert_doubles(T.p_m, s_ev.T.p_m, 3, 1e-15);
-    assert_doubles(T.R, s_ev.T.R, 9, 1e-15);
+    expect_doubles(T.p_m, s_ev.T.p_m, 3, 1e-15);
+    expect_doubles(T.R, s_ev.T.R, 9, 1e-15);
 }
 
 void test_without_want_J_the_pose_is_the_same_and_the_rows_are_zero(void)
@@ -89,7 +84,7 @@ void test_terms_of_one_coefficient_add_up(void)
     kc_model_twist(&s_ev, 1u, KC_RX, rx);
     kc_model_twist(&s_ev, 2u, KC_TY, ty);
     for (int i = 0; i < 6; i++) { sum[i] = 0.9 * rx[i] - 2.0 * ty[i]; }
-    assert_doubles(sum, s_ev.J[0], 6, 1e-15);
+    expect_doubles(sum, s_ev.J[0], 6, 1e-15);
 }
 
 void test_links_without_mass_weigh_nothing(void)
@@ -199,7 +194,7 @@ void test_a_perfect_observation_has_no_residual(void)
     s_coef[0] = 0.05;
     const kc_obs_t obs = given_observation();
     TEST_ASSERT_EQUAL_UINT32(6u, kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev));
-    assert_doubles(zero, r, 6, 1e-15);
+    expect_doubles(zero, r, 6, 1e-15);
 }
 
 void test_a_camera_that_stands_further_along_moves_what_it_saw(void)
@@ -210,8 +205,8 @@ void test_a_camera_that_stands_further_along_moves_what_it_saw(void)
     add_term(KC_FRAME_CAMERA, KC_TX, KC_VAR_ONE, 0u);
     s_coef[0] = 0.02;
     (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
-    assert_doubles(want_r, r, 6, 1e-15);
-    assert_doubles(want_J, s_ev.J[0], 6, 1e-15);
+    expect_doubles(want_r, r, 6, 1e-15);
+    expect_doubles(want_J, s_ev.J[0], 6, 1e-15);
 }
 
 void test_twists_of_the_camera_side_are_what_its_coefficients_move(void)
@@ -223,7 +218,7 @@ void test_twists_of_the_camera_side_are_what_its_coefficients_move(void)
     (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
     for (uint32_t k = 0u; k < 2u; k++) {
         kc_model_twist(&s_ev, KC_FRAME_CAMERA, comp[k], row);
-        assert_doubles(s_ev.J[k], row, 6, 1e-15);
+        expect_doubles(s_ev.J[k], row, 6, 1e-15);
         TEST_ASSERT_TRUE(kc_v3_norm(row) > 0.1);
     }
 }
@@ -237,12 +232,12 @@ void test_the_arm_side_does_not_see_camera_terms(void)
     kc_obs_t obs = given_observation();
     double r[6];
     kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, true, &s_ev);
-    assert_doubles(zero, s_ev.J[0], 6, 0.0);
-    assert_doubles(zero, s_ev.J[1], 6, 0.0);
+    expect_doubles(zero, s_ev.J[0], 6, 0.0);
+    expect_doubles(zero, s_ev.J[1], 6, 0.0);
     obs.has_cam = 0u;
     (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
-    assert_doubles(zero, r, 6, 1e-15);
-    assert_doubles(zero, s_ev.J[0], 6, 0.0);
+    expect_doubles(zero, r, 6, 1e-15);
+    expect_doubles(zero, s_ev.J[0], 6, 0.0);
 }
 
 /* Whatever the evaluation before has left there. */
@@ -257,7 +252,7 @@ void test_without_a_camera_pose_nothing_of_the_measurement_moves_the_residual(vo
     for (uint32_t i = 6u * KC_FRAME_CAMERA; i < 6u * KC_FRAME_COUNT; i++) {
         double row[6];
         kc_model_twist(&s_ev, i / 6u, i % 6u, row);
-        assert_doubles(zero, row, 6, 0.0);
+        expect_doubles(zero, row, 6, 0.0);
     }
 }
 
@@ -272,7 +267,7 @@ void test_position_only_has_three_rows_and_no_rotation_part(void)
     obs.p_m[2] -= 0.02;
     memset(obs.q_wxyz, 0x7f, sizeof obs.q_wxyz);
     TEST_ASSERT_EQUAL_UINT32(3u, kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev));
-    assert_doubles(want, r, 6, 1e-15);
+    expect_doubles(want, r, 6, 1e-15);
 }
 
 /* Nothing is known of the turn of what was measured: it has that of the model. */
@@ -355,8 +350,8 @@ void test_frames_stand_on_the_axes_and_turn_or_slide_with_their_joint(void)
     for (uint32_t j = 1u; j < s_arm.n_joints; j++) {
         T = frame[j];
         next_frame(&T, j);
-        assert_doubles(T.p_m, frame[j + 1u].p_m, 3, 1e-15);
-        assert_doubles(T.R, frame[j + 1u].R, 9, 1e-15);
+        expect_doubles(T.p_m, frame[j + 1u].p_m, 3, 1e-15);
+        expect_doubles(T.R, frame[j + 1u].R, 9, 1e-15);
     }
 }
 
@@ -372,9 +367,9 @@ void test_the_tool_frame_is_the_corrected_tool(void)
     kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
     kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev);
     kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m, across_m);
-    assert_doubles(s_ev.T.p_m, frame[0].p_m, 3, 0.0);
-    assert_doubles(s_ev.T.R, frame[0].R, 9, 0.0);
-    assert_doubles(before[1].R, frame[1].R, 9, 0.0); /* the correction is beyond joint 1 */
+    expect_doubles(s_ev.T.p_m, frame[0].p_m, 3, 0.0);
+    expect_doubles(s_ev.T.R, frame[0].R, 9, 0.0);
+    expect_doubles(before[1].R, frame[1].R, 9, 0.0); /* the correction is beyond joint 1 */
     TEST_ASSERT_TRUE(fabs(frame[3].p_m[0] - before[3].p_m[0]) > 1e-3);
 }
 
@@ -390,8 +385,8 @@ void test_the_tool_frame_has_every_correction(void)
         kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
         kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev);
         kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m, across_m);
-        assert_doubles(s_ev.T.p_m, frame[0].p_m, 3, 1e-14);
-        assert_doubles(s_ev.T.R, frame[0].R, 9, 1e-14);
+        expect_doubles(s_ev.T.p_m, frame[0].p_m, 3, 1e-14);
+        expect_doubles(s_ev.T.R, frame[0].R, 9, 1e-14);
         TEST_ASSERT_TRUE(isfinite(along_m[0]) && isfinite(across_m[0]));
     }
 }

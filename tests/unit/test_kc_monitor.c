@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "given_observations.h"
 #include "given_small_arm.h"
 #include "given_tables.h"
@@ -19,7 +20,6 @@ static kc_eval_t s_work;
 static double s_coef[KC_COEF_MAX];
 static uint64_t s_rng;
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);
@@ -426,23 +426,6 @@ void test_every_number_of_a_residual_counts_in_what_is_unexplained(void)
     }
 }
 
-/* x of A x = b, six of each; A is positive definite. */
-static void solve6(const double *A, const double *b, double *x)
-{
-    double M[6][7];
-    for (uint32_t i = 0u; i < 6u; i++) {
-        memcpy(M[i], &A[6u * i], 6u * sizeof *A);
-        M[i][6] = b[i];
-    }
-    for (uint32_t k = 0u; k < 6u; k++) {
-        for (uint32_t i = 0u; i < 6u; i++) {
-            double f = i == k ? 0.0 : M[i][k] / M[k][k];
-            for (uint32_t j = k; j < 7u; j++) { M[i][j] -= f * M[k][j]; }
-        }
-    }
-    for (uint32_t i = 0u; i < 6u; i++) { x[i] = M[i][6] / M[i][i]; }
-}
-
 /* A covariance in which every error goes with every other. */
 static void correlated(double cov[36])
 {
@@ -480,7 +463,7 @@ void test_sigma_is_that_of_least_squares_with_what_all_observations_share(void)
             TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
             kc_model_loads(&s_arm, &s_terms, s_coef, &ctx, &loads);
             kc_model_eval(&s_arm, &s_terms, s_coef, &ctx, &loads, false, &s_work);
-            solve6(s_obs.cov, s_work.Jq[j], y);
+            dense_solve6(s_obs.cov, s_work.Jq[j], y);
             for (uint32_t c = 0u; c < 6u; c++) {
                 all += s_work.Jq[j][c] * y[c];
                 s2 += y[c] * y[c] * s_mon.floor2[c];

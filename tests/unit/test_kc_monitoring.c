@@ -12,7 +12,6 @@
 static kc_monitoring_t s_monitoring;
 static kc_monitor_t s_monitor;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

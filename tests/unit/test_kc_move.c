@@ -19,7 +19,6 @@ static kc_arm_state_t *s_arm;
 static kc_config_t *s_config;
 static kc_space_t *s_space;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();
@@ -435,6 +434,17 @@ void test_on_its_segment_it_is_bound_for_its_end_and_beside_it_nowhere(void)
     at_node(0u, -1.0);
     s_move.seg_from = 7u; /* a hub that there is not */
     at_node(0u, -1.0);
+    /* To or from joints behind the last candidate. */
+    memset(s_space->hub_edge, 0, sizeof s_space->hub_edge);
+    for (uint32_t j = 0u; j < 7u; j++) {
+        s_space->cand[s_space->n_cand].q_seed[j] = (float)(2.0 * s_arm->q[j]);
+    }
+    const uint16_t behind = (uint16_t)(KC_HUB_MAX + s_space->n_cand);
+    for (uint32_t to = 0u; to < 2u; to++) {
+        s_move.seg_from = to == 0u ? behind : 0u;
+        s_move.seg_to = to == 0u ? 0u : behind;
+        at_node(KC_NODE_NONE, -1.0);
+    }
 }
 
 /* Any one joint may make the segment, first or last, and the arm be beside it by twice the tolerance. */

@@ -20,7 +20,6 @@ static kc_camera_t *s_camera;
 static double s_seed[KC_JOINT_MAX];
 
 /* A good arm at the seed of a candidate. */
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -14,7 +14,6 @@ static kc_est_t s_est;
 static kc_camera_t s_camera;
 static double s_truth[KC_COEF_MAX];
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);
@@ -155,11 +154,11 @@ static void given_one_leading_pose(uint32_t axis, double part)
     s_est.obs[2].cov[7u * axis] = 1e-3 * part / (4.0 * (1.0 - part));
 }
 
-/* Five poses one second apart, known to 1 mm along each axis, and one coefficient that moves the arm along x, with a
- * camera whose chain is exact. */
-static void given_poses_of_an_exact_camera(void)
+/* Five poses one second apart, known to 1 mm (first: 0) or 1 mrad (first: 3) along each axis, and one coefficient that
+ * moves or turns the arm along x, with a camera whose chain is exact. */
+static void given_poses_of_an_exact_camera(uint32_t first)
 {
-    given_one_leading_pose(0u, 0.5);
+    given_one_leading_pose(first, 0.5);
     given_camera(&s_camera);
     s_camera.mast_sigma_m = s_camera.mast_sigma_rad = s_camera.zero_sigma_rad = s_camera.axis_sigma_rad = 0.0;
     s_camera.plate_sigma_m = s_camera.plate_sigma_rad = s_camera.tag_size_sigma = 0.0;
@@ -167,9 +166,26 @@ static void given_poses_of_an_exact_camera(void)
     s_est.camera = &s_camera;
     s_est.opt.outlier_p = 1e-300; /* tested, none rejected */
     for (uint32_t i = 0u; i < 5u; i++) {
-        for (uint32_t k = 0u; k < 3u; k++) { s_est.obs[i].cov[7u * k] = 1e-6; }
+        for (uint32_t k = first; k < first + 3u; k++) { s_est.obs[i].cov[7u * k] = 1e-6; }
         s_est.obs[i].ctx.t_s = 1000.0 + (double)i;
     }
+}
+
+/* Observation i is seen farther along, or turned about, an axis. */
+static void seen_off(uint32_t i, uint32_t component, double by)
+{
+    kc_obs_t *o = &s_est.obs[i];
+    double w[3] = {0.0}, turn[9], R[9];
+    kc_pose_t T;
+    if (component < 3u) {
+        o->p_m[component] += by;
+        return;
+    }
+    w[component - 3u] = by;
+    kc_R_exp(w, turn);
+    kc_pose_from_quat(o->p_m, o->q_wxyz, &T);
+    kc_m3_mul(turn, T.R, R);
+    kc_R_to_quat(R, o->q_wxyz);
 }
 
 /* Of residual and variance, in mm, along one axis: the others are exact. */
@@ -182,30 +198,50 @@ static void assert_worst(double residual_mm, double variance_mm2)
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 * p, p, s_est.job.p_worst);
 }
 
-/* A shift of the mast moves all poses alike: what is stated, 0.5 mm, and four others know it to 1/(4 + 4) mm^2. */
+/* A shift or a turn of the mast moves all poses alike: what is stated, 0.5 mm or mrad, and four others know it to
+ * 1/(4 + 4). */
 void test_a_residual_is_what_the_other_poses_do_not_know_of_the_camera_chain(void)
 {
-    given_poses_of_an_exact_camera();
-    s_est.obs[3].p_m[1] += 0.005;
-    assert_worst(5.0, 1.0); /* y is no coefficient's: nothing of it is fitted */
-    s_camera.mast_sigma_m = 0.0005;
-    assert_worst(5.0, 1.0 + 1.0 / (4.0 + 4.0));
-    s_est.obs[3].p_m[1] -= 0.005;
-    for (uint32_t i = 0u; i < 5u; i++) { s_est.obs[i].p_m[1] += 0.002; }
-    /* the four others expect 4/8 of the 2 mm */
-    assert_worst(1.0, 1.0 + 1.0 / (4.0 + 4.0));
-    /* x is a coefficient's as well: the other four have taken all of it */
-    for (uint32_t i = 0u; i < 5u; i++) {
-        s_est.obs[i].p_m[1] -= 0.002;
-        s_est.obs[i].p_m[0] += 0.002;
+    static const uint32_t cases[][2] = {{0u, 1u}, {0u, 2u}, {3u, 4u}, {3u, 5u}}; /* first, another axis */
+    for (uint32_t c = 0u; c < 4u; c++) {
+        const uint32_t first = cases[c][0], other = cases[c][1];
+        double *sigma = first == 0u ? &s_camera.mast_sigma_m : &s_camera.mast_sigma_rad;
+        given_poses_of_an_exact_camera(first);
+        s_terms.n_coef = s_terms.n_term = 2u; /* and one along the third axis, which fits */
+        s_terms.coef[1] = s_terms.coef[0];
+        s_terms.term[1] = s_terms.term[0];
+        s_terms.term[1].coef = 1u;
+        s_terms.term[1].comp = (uint8_t)(2u * first + 3u - other);
+        seen_off(3u, other, 0.005);
+        assert_worst(5.0, 1.0); /* it is no coefficient's: nothing of it is fitted */
+        *sigma = 0.0005;
+        assert_worst(5.0, 1.0 + 1.0 / (4.0 + 4.0));
+        seen_off(3u, other, -0.005);
+        for (uint32_t i = 0u; i < 5u; i++) { seen_off(i, other, 0.002); }
+        /* the four others expect 4/8 of the 2 */
+        assert_worst(1.0, 1.0 + 1.0 / (4.0 + 4.0));
+        /* x is a coefficient's as well: the other four have taken all of it */
+        for (uint32_t i = 0u; i < 5u; i++) {
+            seen_off(i, other, -0.002);
+            seen_off(i, first, 0.002);
+        }
+        assert_worst(0.0, 1.0);
     }
-    assert_worst(0.0, 1.0);
+}
+
+/* One is off by 30 mm, another by 20: without the first, 23 degrees of freedom show more than is stated. */
+void test_noise_that_the_other_poses_show_counts_if_it_is_larger_than_stated(void)
+{
+    given_poses_of_an_exact_camera(0u);
+    seen_off(1u, 1u, 0.02);
+    seen_off(3u, 2u, 0.03);
+    assert_worst(30.0, 400.0 / (30.0 - 1.0 - 6.0));
 }
 
 /* A drift of 1 mm/s from the first pose on is seen 4 s after it: by 1, 2 and 3 mm of the others. */
 void test_the_drift_of_the_camera_is_known_by_the_time_of_the_other_poses(void)
 {
-    given_poses_of_an_exact_camera();
+    given_poses_of_an_exact_camera(0u);
     s_camera.drift_sigma_m_s = 0.001;
     s_est.obs[4].p_m[2] += 0.008;
     assert_worst(8.0, 1.0 + 16.0 / (1.0 + 1.0 + 4.0 + 9.0));
@@ -213,7 +249,7 @@ void test_the_drift_of_the_camera_is_known_by_the_time_of_the_other_poses(void)
 
 void test_positions_alone_know_of_the_camera_chain_too(void)
 {
-    given_poses_of_an_exact_camera();
+    given_poses_of_an_exact_camera(0u);
     for (uint32_t i = 0u; i < 5u; i++) { s_est.obs[i].has_rot = 0u; }
     s_camera.mast_sigma_m = 0.0005;
     s_est.obs[3].p_m[1] += 0.005;
@@ -223,7 +259,7 @@ void test_positions_alone_know_of_the_camera_chain_too(void)
 /* Of a chain that is stated too large for the digits nothing is taken to be known. */
 void test_a_chain_of_absurd_size_explains_nothing(void)
 {
-    given_poses_of_an_exact_camera();
+    given_poses_of_an_exact_camera(0u);
     s_camera.mast_sigma_m = 1e200;
     s_est.obs[3].p_m[1] += 0.005;
     assert_worst(5.0, 1.0);
@@ -240,6 +276,11 @@ void test_a_pose_that_alone_determines_one_axis_is_not_tested(void)
         given_one_leading_pose(axis, 0.011);
         (void)kc_est_solve(&s_est);
         TEST_ASSERT_EQUAL_UINT32(5u, s_est.job.n_tested);
+        for (double part = 1e-13; part > 1e-20; part *= 0.5) { /* of rounding, also below zero */
+            given_one_leading_pose(axis, part);
+            (void)kc_est_solve(&s_est);
+            TEST_ASSERT_EQUAL_UINT32(4u, s_est.job.n_tested);
+        }
     }
 }
 

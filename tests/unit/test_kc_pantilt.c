@@ -12,7 +12,6 @@
 
 static kc_pantilt_t s_unit;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts(); /* pan -1.6 .. 1.6, tilt -0.6 .. 1.4 */
@@ -116,22 +115,22 @@ void test_the_pantilt_unit_is_aimed_at_the_shifted_tool(void)
 
 void test_a_tool_near_the_middle_of_the_image_needs_no_turn(void)
 {
-    static const double none[3] = {0.0},
-                        off[][2] = {{0.0, 0.0}, {0.99, 0.0}, {0.0, -0.99}, {1.01, 0.0}, {0.0, -1.01}};
+    static const double none[3] = {0.0}, off[7][2] = {{0.0, 0.0},   {0.99, 0.0}, {0.0, -0.99}, {1.01, 0.0},
+                                                      {-1.01, 0.0}, {0.0, 1.01}, {0.0, -1.01}};
     kc_pose_t T;
     double pan = 0.0, tilt = 0.0;
     kc_view_expect(&parts.view, parts.telemetry.arm.q, &T);
     (void)kc_camera_aim(&parts.tables.active.camera, T.p_m, &pan, &tilt);
     kc_camera_t *c = &parts.tables.active.camera;
-    for (uint32_t i = 0u; i < 15u; i++) { /* 1/40 of the view: of its height, of its width, of a long lens */
-        const uint32_t width = i < 5u ? 1920u : 540u;
-        const double f = i < 10u ? 1397.0 : 13970.0, most = (i < 5u ? 1080.0 : 540.0) / f / 40.0;
+    for (uint32_t i = 0u; i < 21u; i++) { /* 1/40 of the view: of its height, of its width, of a long lens */
+        const uint32_t width = i < 7u ? 1920u : 540u;
+        const double f = i < 14u ? 1397.0 : 13970.0, most = (i < 7u ? 1080.0 : 540.0) / f / 40.0;
         c->width_px = width;
         c->fx_px = c->fy_px = f;
         memset(&parts.out, 0, sizeof parts.out);
-        s_unit.pan_rad = pan + most * off[i % 5u][0];
-        s_unit.tilt_rad = tilt + most * off[i % 5u][1];
+        s_unit.pan_rad = pan + most * off[i % 7u][0];
+        s_unit.tilt_rad = tilt + most * off[i % 7u][1];
         kc_pantilt_aim(&s_unit, &parts.view, &parts.out, parts.telemetry.arm.q, none);
-        TEST_ASSERT_EQUAL_UINT8(i % 5u < 3u ? 0u : 1u, parts.out.has_pantilt_cmd);
+        TEST_ASSERT_EQUAL_UINT8(i % 7u < 3u ? 0u : 1u, parts.out.has_pantilt_cmd);
     }
 }

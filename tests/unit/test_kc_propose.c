@@ -30,7 +30,6 @@ static void estimated(double phi_rad, double noise, double tilt_rad)
 }
 
 /* Joint 7 is off by 10 mrad, the rest is right, and all is estimated. */
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "kc_qp.h"
 #include "kc_qp_priv.h"
 #include "kc_rng.h"
@@ -871,13 +872,13 @@ static void given_random(uint32_t n, uint32_t rank, double scale, uint64_t seed)
     uint64_t rng = seed;
     given(n);
     for (uint32_t i = 0u; i < rank; i++) {
-        for (uint32_t j = 0u; j < n; j++) { A[i][j] = 2.0 * kc_rng_uniform(&rng) - 1.0; }
+        for (uint32_t j = 0u; j < n; j++) { A[i][j] = drawn(&rng); }
     }
     for (uint32_t i = 0u; i < n; i++) {
         for (uint32_t j = 0u; j < n; j++) {
             for (uint32_t k = 0u; k < rank; k++) { *H(i, j) += scale * A[k][i] * A[k][j]; }
         }
-        s_qp.g[i] = scale * (2.0 * kc_rng_uniform(&rng) - 1.0);
+        s_qp.g[i] = scale * drawn(&rng);
         s_qp.lb[i] = -0.05 - 0.5 * kc_rng_uniform(&rng);
         s_qp.ub[i] = 0.05 + 0.5 * kc_rng_uniform(&rng);
         s_qp.x[i] = 0.04 * kc_rng_uniform(&rng);

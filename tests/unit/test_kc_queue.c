@@ -11,7 +11,6 @@ static kc_table_chunk_t s_k;
 static kc_detection_t s_d;
 static uint64_t s_counter;
 
-void setUp(void);
 void setUp(void)
 {
     memset(&s_q, 0, sizeof s_q);

@@ -11,7 +11,6 @@
 
 static kc_request_t s_request;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -12,7 +12,6 @@
 
 static kc_rest_t s_rest;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

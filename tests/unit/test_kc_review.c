@@ -28,7 +28,6 @@ static void given_waiting(kc_verdict_t verdict)
     memset(&parts.out, 0, sizeof parts.out);
 }
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

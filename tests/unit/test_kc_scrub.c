@@ -11,7 +11,6 @@
 static kc_scrub_t s_scrub;
 static kc_active_t *s_tables;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

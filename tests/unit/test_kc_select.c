@@ -13,7 +13,6 @@ static kc_config_t *s_config;
 static kc_camera_t *s_camera;
 static kc_arena_calibration_t s_arena;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

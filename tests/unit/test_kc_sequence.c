@@ -25,7 +25,6 @@ static void in_state(kc_state_t state)
 }
 
 /* An arm and a pan-tilt unit that were heard just now, in a calibration that has measured POSES poses. */
-void setUp(void);
 void setUp(void)
 {
     kc_active_t *a = &APP->tables.active;

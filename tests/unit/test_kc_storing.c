@@ -2,7 +2,6 @@
 #include "kc_storing.h"
 #include "unity.h"
 
-void setUp(void);
 void setUp(void) {}
 
 void test_what_is_stored_is_done_and_a_failure_is_tried_as_often_as_allowed(void)

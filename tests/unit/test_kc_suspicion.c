@@ -13,7 +13,6 @@
 static kc_active_t *s_tables;
 static kc_suspects_t s_suspects;
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();

@@ -8,7 +8,6 @@
 static kc_terms_t s_t;
 static const double BOUND[4] = {1.5, 0.6, 0.05, 0.2};
 
-void setUp(void);
 void setUp(void)
 {
     memset(&s_t, 0, sizeof s_t);

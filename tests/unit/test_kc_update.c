@@ -29,7 +29,6 @@ static void given_poses(uint32_t n, double phi_rad, double noise)
     s_work = kc_work_unlimited();
 }
 
-void setUp(void);
 void setUp(void)
 {
     given_parts();
