@@ -12,15 +12,12 @@ static bool is_constant(const kc_term_t *t)
     return (t->basis[0].var | t->basis[1].var) == (uint32_t)KC_VAR_ONE; /* which is 0 */
 }
 
-/* A basis that is 1 costs no call. */
+/* A term that is constant costs no call. */
 static double term_weight(const kc_term_t *t, const kc_ctx_t *ctx, const kc_loads_t *loads)
 {
-    double weight = t->gain;
-    if (is_constant(t)) { return weight; }
-    for (uint32_t b = 0u; b < 2u; b++) {
-        if (t->basis[b].var != (uint8_t)KC_VAR_ONE) { weight *= kc_basis_eval(&t->basis[b], ctx, loads); }
-    }
-    return weight;
+    if (is_constant(t)) { return t->gain; }
+    const double weight = t->gain * kc_basis_eval(&t->basis[0], ctx, loads);
+    return weight * kc_basis_eval(&t->basis[1], ctx, loads);
 }
 
 static bool needs_loads(const kc_term_t *t)
@@ -46,17 +43,7 @@ static bool is_in(const uint8_t *varies, const kc_term_t *t)
 
 static bool on_camera_side(const kc_term_t *t) { return t->frame >= KC_FRAME_CAMERA; }
 
-/* The terms of one side that each pose has to sum. */
-static void list_varying(kc_fixed_t *f, bool camera_side)
-{
-    for (uint32_t k = 0u; k < f->terms->n_term; k++) {
-        const kc_term_t *t = &f->terms->term[k];
-        if (on_camera_side(t) != camera_side || (is_constant(t) && !is_in(f->varies, t))) { continue; }
-        f->varying[f->n_varying++] = (uint16_t)k;
-        if (camera_side || needs_loads(t) || kc_is_zero(value_of(f->coef, t->coef))) { continue; }
-        f->unloaded[f->n_unloaded++] = (uint16_t)k;
-    }
-}
+static void put(kc_term_list_t *list, uint32_t k) { list->listed[list->n_listed++] = (uint16_t)k; }
 
 /* Constant terms are summed here, once. A component to which another term adds is summed for each pose, in the order of
  * the terms: another order would round otherwise. */
@@ -65,34 +52,32 @@ static void fix_twists(kc_fixed_t *f)
     const kc_terms_t *terms = f->terms;
     memset(&f->tw, 0, sizeof f->tw);
     memset(f->varies, 0, sizeof f->varies);
-    f->n_on_arm = 0u;
-    f->n_varying = 0u;
-    f->n_unloaded = 0u;
+    f->on_arm.n_listed = 0u;
+    f->on_camera.n_listed = 0u;
+    f->unloaded.n_listed = 0u;
     if (terms == NULL) { return; }
     find_varying(terms, f->coef, f->varies);
-    list_varying(f, false);
-    f->n_on_arm = f->n_varying;
-    list_varying(f, true);
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
         const double by = value_of(f->coef, t->coef);
-        if (is_constant(t) && !is_in(f->varies, t) && !kc_is_zero(by)) {
+        const bool moves = !kc_is_zero(by), on_camera = on_camera_side(t);
+        if (!is_constant(t) || is_in(f->varies, t)) {
+            put(on_camera ? &f->on_camera : &f->on_arm, k);
+            if (moves && !on_camera && !needs_loads(t)) { put(&f->unloaded, k); }
+        } else if (moves) {
             f->tw.of[t->frame][t->comp] += by * t->gain;
         }
     }
 }
 
-/* Twists of a pose on the arm, in own where it has some of its own; camera_side: those of the camera's frames too. weight:
- * of the varying terms that are summed, by term; NULL: not wanted. */
-static const kc_twists_t *sum_twists(const kc_fixed_t *f, const kc_ctx_t *ctx, const kc_loads_t *loads,
-                                     bool camera_side, kc_twists_t *own, double *weight)
+/* Add listed terms to the twists of a pose. weight: of each, by term; NULL: not wanted. */
+static void add_listed(const kc_fixed_t *f, const kc_term_list_t *list, const kc_ctx_t *ctx,
+                       const kc_loads_t *loads, kc_twists_t *own, double *weight)
 {
-    const uint32_t n_varying = camera_side ? f->n_varying : f->n_on_arm;
-    if (n_varying == 0u) { return &f->tw; }
-    *own = f->tw;
-    for (uint32_t i = 0u; i < n_varying; i++) {
-        const uint32_t k = f->varying[i];
-        const kc_term_t *t = &f->terms->term[k];
+    const kc_term_t *term = f->terms->term;
+    for (uint32_t i = 0u; i < list->n_listed; i++) {
+        const uint32_t k = list->listed[i];
+        const kc_term_t *t = &term[k];
         const double by = value_of(f->coef, t->coef);
         const bool moves = !kc_is_zero(by);
         if (!moves && weight == NULL) { continue; }
@@ -100,18 +85,25 @@ static const kc_twists_t *sum_twists(const kc_fixed_t *f, const kc_ctx_t *ctx, c
         if (weight != NULL) { weight[k] = w; }
         if (moves) { own->of[t->frame][t->comp] += by * w; }
     }
+}
+
+/* Twists of a pose, in own where it has some of its own; on the camera side too if that is wanted. */
+static const kc_twists_t *sum_twists(const kc_fixed_t *f, const kc_ctx_t *ctx, const kc_loads_t *loads,
+                                     bool camera_side, kc_twists_t *own, double *weight)
+{
+    if (f->on_arm.n_listed + f->on_camera.n_listed == 0u) { return &f->tw; }
+    *own = f->tw;
+    add_listed(f, &f->on_arm, ctx, loads, own, weight);
+    if (camera_side) { add_listed(f, &f->on_camera, ctx, loads, own, weight); }
     return own;
 }
 
 /* The same of a pose of which loads are not known yet: terms that depend on them count as zero. */
 static const kc_twists_t *sum_unloaded(const kc_fixed_t *f, const kc_ctx_t *ctx, kc_twists_t *own)
 {
-    if (f->n_unloaded == 0u) { return &f->tw; }
+    if (f->unloaded.n_listed == 0u) { return &f->tw; }
     *own = f->tw;
-    for (uint32_t i = 0u; i < f->n_unloaded; i++) {
-        const kc_term_t *t = &f->terms->term[f->unloaded[i]];
-        own->of[t->frame][t->comp] += f->coef[t->coef] * term_weight(t, ctx, NULL);
-    }
+    add_listed(f, &f->unloaded, ctx, NULL, own, NULL);
     return own;
 }
 

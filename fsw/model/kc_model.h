@@ -35,6 +35,12 @@ typedef struct {
     double of[KC_FRAME_COUNT][6];
 } kc_twists_t;
 
+/* Terms by number, in order. */
+typedef struct {
+    uint32_t n_listed;
+    uint16_t listed[KC_TERM_MAX];
+} kc_term_list_t;
+
 /* What an arm, its terms and coefficients give for every pose: kc_model_fix makes it, nobody else writes it. It holds as
  * long as those three do not change. About 3 KiB; caller owns it. */
 typedef struct {
@@ -48,12 +54,9 @@ typedef struct {
      * twist is not constant, each pose has its own. */
     kc_screw_t twist[KC_JOINT_MAX + 1u][3], link[KC_JOINT_MAX + 1u], x[KC_JOINT_MAX + 1u];
     uint8_t varies[KC_FRAME_COUNT]; /* bit: component of the twist that is not constant */
-    /* Terms that are not constant or add to such a component, in order: on the arm, then on the camera side. */
-    uint32_t n_on_arm, n_varying;
-    uint16_t varying[KC_TERM_MAX];
-    /* Those of them on the arm that move it and do not depend on loads. */
-    uint32_t n_unloaded;
-    uint16_t unloaded[KC_TERM_MAX];
+    /* Terms that are not constant or add to such a component: on the arm, on the camera side, and those on the arm that
+     * move it and do not depend on loads. */
+    kc_term_list_t on_arm, on_camera, unloaded;
 } kc_fixed_t;
 
 /* Everything one pose gives: about 5 KiB; caller owns it. */
