@@ -1,5 +1,7 @@
 #include "kc_kernel.h"
 
+#include <stddef.h>
+
 #include "kc_libm.h"
 
 /* Sum of kept weights against k(0) = 1; only rounding in the table may part them. */
@@ -16,20 +18,19 @@ static double cos_t(uint8_t arg, const double q1[4], const double q2[4])
     return (arg == KC_KERNEL_PAPER) ? 2.0 * dot * dot - 1.0 : dot;
 }
 
-/* sum w_n U_n(x) by Clenshaw: b_n = w_n + 2x b_{n+1} - b_{n+2}, the sum is b_0. No division by sin t,
- * so t = 0 and t = pi need no special case. */
+/* sum w_n U_n(x) by Clenshaw: b_n = w_n + 2x b_{n+1} - b_{n+2}, the sum is b_0; two steps at a time, so that no b is
+ * moved. No division by sin t, so t = 0 and t = pi need no special case. */
 double kc_kernel_rot(const kc_kernel_t *k, uint32_t hyper, const double q1[4], const double q2[4])
 {
     const kc_hyper_t *h = &k->hyper[hyper];
     const double x2 = 2.0 * cos_t(k->arg, q1, q2);
     double b1 = 0.0;
     double b2 = 0.0;
-    for (uint32_t n = h->n_w; n-- > 0u;) {
-        const double b0 = h->w[n] + x2 * b1 - b2;
-        b2 = b1;
-        b1 = b0;
+    for (size_t n = h->n_w; n > 1u; n -= 2u) {
+        b2 = h->w[n - 1u] + x2 * b1 - b2;
+        b1 = h->w[n - 2u] + x2 * b2 - b1;
     }
-    return b1;
+    return (h->n_w & 1u) != 0u ? h->w[0] + x2 * b1 - b2 : b1;
 }
 
 double kc_kernel_eval(const kc_kernel_t *k, uint32_t hyper, const kc_point_t *x1, const kc_point_t *x2)

@@ -63,6 +63,20 @@ static double quadratic(const kc_accuracy_t *a, const kc_est_t *est, const doubl
     return s;
 }
 
+/* Element i of S times c. */
+static double row_times(const kc_accuracy_t *a, const float *sums, uint32_t i, const double *c)
+{
+    uint32_t below = at(i, i);
+    const float *row = &sums[below - i];
+    double s = 0.0;
+    for (uint32_t k = 0u; k <= i; k++) { s += (double)row[k] * c[k]; }
+    for (uint32_t k = i + 1u; k < a->n_coef; k++) { /* down column i */
+        below += k;
+        s += (double)sums[below] * c[k];
+    }
+    return s;
+}
+
 /* Row j of C S C S, its element j, and that of C S. */
 static double coefficient(const kc_accuracy_t *a, const float *sums, const kc_est_t *est, uint32_t j,
                           double *trace)
@@ -72,9 +86,7 @@ static double coefficient(const kc_accuracy_t *a, const float *sums, const kc_es
     column(a, sums, j, s);
     kc_la_mul(est->cov, a->n_coef, KC_COEF_MAX, s, 1u, 1u, w); /* column j of C S */
     for (uint32_t i = 0u; i < a->n_coef; i++) {
-        double y = 0.0; /* element i of S times row j of C */
-        for (uint32_t k = 0u; k < a->n_coef; k++) { y += (double)sums[at(i, k)] * c[k]; }
-        both += y * w[i];
+        both += row_times(a, sums, i, c) * w[i];
         *trace += c[i] * s[i];
     }
     return both;

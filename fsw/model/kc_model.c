@@ -12,15 +12,12 @@ static bool is_constant(const kc_term_t *t)
     return (t->basis[0].var | t->basis[1].var) == (uint32_t)KC_VAR_ONE; /* which is 0 */
 }
 
-/* A basis that is 1 costs no call. */
+/* A term that is constant costs no call. */
 static double term_weight(const kc_term_t *t, const kc_ctx_t *ctx, const kc_loads_t *loads)
 {
-    double weight = t->gain;
-    if (is_constant(t)) { return weight; }
-    for (uint32_t b = 0u; b < 2u; b++) {
-        if (t->basis[b].var != (uint8_t)KC_VAR_ONE) { weight *= kc_basis_eval(&t->basis[b], ctx, loads); }
-    }
-    return weight;
+    if (is_constant(t)) { return t->gain; }
+    const double weight = t->gain * kc_basis_eval(&t->basis[0], ctx, loads);
+    return weight * kc_basis_eval(&t->basis[1], ctx, loads);
 }
 
 static bool needs_loads(const kc_term_t *t)
@@ -44,6 +41,10 @@ static bool is_in(const uint8_t *varies, const kc_term_t *t)
     return ((varies[t->frame] >> t->comp) & 1u) != 0u;
 }
 
+static bool on_camera_side(const kc_term_t *t) { return t->frame >= KC_FRAME_CAMERA; }
+
+static void put(kc_term_list_t *list, uint32_t k) { list->listed[list->n_listed++] = (uint16_t)k; }
+
 /* Constant terms are summed here, once. A component to which another term adds is summed for each pose, in the order of
  * the terms: another order would round otherwise. */
 static void fix_twists(kc_fixed_t *f)
@@ -51,38 +52,58 @@ static void fix_twists(kc_fixed_t *f)
     const kc_terms_t *terms = f->terms;
     memset(&f->tw, 0, sizeof f->tw);
     memset(f->varies, 0, sizeof f->varies);
-    f->n_varying = 0u;
+    f->on_arm.n_listed = 0u;
+    f->on_camera.n_listed = 0u;
+    f->unloaded.n_listed = 0u;
     if (terms == NULL) { return; }
     find_varying(terms, f->coef, f->varies);
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
         const double by = value_of(f->coef, t->coef);
+        const bool moves = !kc_is_zero(by), on_camera = on_camera_side(t);
         if (!is_constant(t) || is_in(f->varies, t)) {
-            f->varying[f->n_varying++] = (uint16_t)k;
-        } else if (!kc_is_zero(by)) {
+            put(on_camera ? &f->on_camera : &f->on_arm, k);
+            if (moves && !on_camera && !needs_loads(t)) { put(&f->unloaded, k); }
+        } else if (moves) {
             f->tw.of[t->frame][t->comp] += by * t->gain;
         }
     }
 }
 
-/* Twists of a pose, in own where it has some of its own. loads NULL: terms that depend on loads count as zero. weight: of
- * the varying terms, by term; NULL: not wanted. */
-static const kc_twists_t *sum_twists(const kc_fixed_t *f, const kc_ctx_t *ctx, const kc_loads_t *loads,
-                                     kc_twists_t *own, double *weight)
+/* Add listed terms to the twists of a pose. weight: of each, by term; NULL: not wanted. */
+static void add_listed(const kc_fixed_t *f, const kc_term_list_t *list, const kc_ctx_t *ctx,
+                       const kc_loads_t *loads, kc_twists_t *own, double *weight)
 {
-    if (weight != NULL) { memset(weight, 0, f->terms->n_term * sizeof *weight); }
-    if (f->n_varying == 0u) { return &f->tw; }
-    *own = f->tw;
-    for (uint32_t i = 0u; i < f->n_varying; i++) {
-        const uint32_t k = f->varying[i];
-        const kc_term_t *t = &f->terms->term[k];
+    const kc_term_t *term = f->terms->term;
+    for (uint32_t i = 0u; i < list->n_listed; i++) {
+        const uint32_t k = list->listed[i];
+        const kc_term_t *t = &term[k];
         const double by = value_of(f->coef, t->coef);
         const bool moves = !kc_is_zero(by);
-        if ((!moves && weight == NULL) || (loads == NULL && needs_loads(t))) { continue; }
+        if (!moves && weight == NULL) { continue; }
         const double w = term_weight(t, ctx, loads);
         if (weight != NULL) { weight[k] = w; }
         if (moves) { own->of[t->frame][t->comp] += by * w; }
     }
+}
+
+/* Twists of a pose, in own where it has some of its own; on the camera side too if that is wanted. */
+static const kc_twists_t *sum_twists(const kc_fixed_t *f, const kc_ctx_t *ctx, const kc_loads_t *loads,
+                                     bool camera_side, kc_twists_t *own, double *weight)
+{
+    if (f->on_arm.n_listed + f->on_camera.n_listed == 0u) { return &f->tw; }
+    *own = f->tw;
+    add_listed(f, &f->on_arm, ctx, loads, own, weight);
+    if (camera_side) { add_listed(f, &f->on_camera, ctx, loads, own, weight); }
+    return own;
+}
+
+/* The same of a pose of which loads are not known yet: terms that depend on them count as zero. */
+static const kc_twists_t *sum_unloaded(const kc_fixed_t *f, const kc_ctx_t *ctx, kc_twists_t *own)
+{
+    if (f->unloaded.n_listed == 0u) { return &f->tw; }
+    *own = f->tw;
+    add_listed(f, &f->unloaded, ctx, NULL, own, NULL);
     return own;
 }
 
@@ -154,12 +175,11 @@ static void moment_about(const beyond_t *b, const double o[3], const double g[3]
     kc_v3_cross(arm, g, out);
 }
 
-/* What gravity does about joint axis z of frame T: torque, or force along it. */
-static double joint_load(const kc_joint_t *joint, const kc_pose_t *T, const beyond_t *b, const double g[3])
+/* About axis z of frame T. */
+static double moment_on_z(const beyond_t *b, const kc_pose_t *T, const double g[3])
 {
     double z[3], m[3];
     kc_m3_col(T->R, 2u, z);
-    if (joint->type == KC_PRISMATIC) { return b->mass_kg * kc_v3_dot(z, g); }
     moment_about(b, T->p_m, g, m);
     return kc_v3_dot(z, m);
 }
@@ -185,46 +205,12 @@ static void lever_parts(const kc_pose_t *T, const double g[3], uint32_t i, kc_lo
     }
 }
 
-void kc_fixed_loads(const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_loads_t *loads)
-{
-    const kc_arm_t *arm = fixed->arm;
-    const uint32_t n = arm->n_joints;
-    kc_twists_t own;
-    kc_pose_t frame[KC_JOINT_MAX + 1u], T;
-    beyond_t all = {0.0, {0.0, 0.0, 0.0}}, payload = {0.0, {0.0, 0.0, 0.0}};
-
-    memset(loads, 0, sizeof *loads);
-    const kc_twists_t *tw = sum_twists(fixed, ctx, NULL, &own, NULL);
-    T = fixed->base;
-    for (uint32_t i = 0u; i <= n; i++) {
-        if (i > 0u) { kc_arm_link(&arm->joint[i - 1u], ctx->q[i - 1u], &T); }
-        apply_twist(&T, tw->of[i], NULL);
-        frame[i] = T;
-        lever_parts(&T, ctx->g_m_s2, i, loads);
-    }
-    kc_pose_mul(&T, &fixed->tool, &T);
-    apply_twist(&T, tw->of[KC_FRAME_TOOL], NULL);
-    kc_v3_copy(T.p_m, loads->origin_m[KC_FRAME_TOOL]);
-
-    add_mass(&payload, ctx->payload_kg, T.p_m);
-    add_mass(&all, ctx->payload_kg, T.p_m);
-    for (uint32_t i = n + 1u; i-- > 0u;) { /* from the tool to the base, masses added up */
-        double m[3];
-        moment_about(&all, frame[i].p_m, ctx->g_m_s2, m);
-        kc_m3t_mul_v3(frame[i].R, m, loads->moment[i]);
-        if (i < n) {
-            loads->tau[i] = joint_load(&arm->joint[i], &frame[i], &all, ctx->g_m_s2);
-            loads->tau_payload[i] = joint_load(&arm->joint[i], &frame[i], &payload, ctx->g_m_s2);
-        }
-        if (i > 0u) { link_mass(&arm->joint[i - 1u], &frame[i], &all); }
-    }
-}
-
 /* Bits of a component along and of that about an axis. */
 #define ON_X (1u << KC_TX | 1u << KC_RX)
 #define ON_Y (1u << KC_TY | 1u << KC_RY)
 
 static const kc_joint_t NO_JOINT; /* before frame 0 and after frame n */
+static const double NO_TWIST[6];
 
 static void set_screw(kc_screw_t *s, double shift_m, double angle_rad)
 {
@@ -242,7 +228,10 @@ static void set_x(const kc_arm_t *arm, uint32_t i, const double tw[6], kc_screw_
     set_screw(x, tw[0] + before->a_m, tw[3] + before->alpha_rad);
 }
 
-static void set_y(const double tw[6], kc_screw_t *y) { set_screw(y, tw[1], tw[4]); }
+static void set_twist(const double tw[6], uint32_t axis, kc_screw_t *s)
+{
+    set_screw(s, tw[axis], tw[3u + axis]);
+}
 
 /* The twist about z of frame i, and the joint after it with its offset. */
 static void set_z(const kc_arm_t *arm, uint32_t i, const double tw[6], const double *q, kc_screw_t *z)
@@ -268,7 +257,7 @@ static void set_links(const kc_fixed_t *f, const kc_twists_t *tw, screws_t *own)
 {
     for (uint32_t i = 0u; i <= f->arm->n_joints; i++) {
         if ((f->varies[i] & ON_X) != 0u) { set_x(f->arm, i, tw->of[i], &own->x[i]); }
-        if ((f->varies[i] & ON_Y) != 0u) { set_y(tw->of[i], &own->y[i]); }
+        if ((f->varies[i] & ON_Y) != 0u) { set_twist(tw->of[i], 1u, &own->y[i]); }
     }
 }
 
@@ -279,7 +268,7 @@ static inline const kc_screw_t *x_of(const kc_fixed_t *f, const screws_t *own, u
 
 static inline const kc_screw_t *y_of(const kc_fixed_t *f, const screws_t *own, uint32_t i)
 {
-    return (f->varies[i] & ON_Y) != 0u ? &own->y[i] : &f->y[i];
+    return (f->varies[i] & ON_Y) != 0u ? &own->y[i] : &f->twist[i][1];
 }
 
 /* Along the link before frame i, and the twists about its x and y. */
@@ -323,8 +312,79 @@ void kc_model_fix(const kc_arm_t *arm, const kc_terms_t *terms, const double *co
     fix_twists(fixed);
     for (uint32_t i = 0u; i <= arm->n_joints; i++) {
         set_x(arm, i, fixed->tw.of[i], &fixed->x[i]);
-        set_y(fixed->tw.of[i], &fixed->y[i]);
+        set_x(arm, i, NO_TWIST, &fixed->link[i]);
+        for (uint32_t axis = 0u; axis < 3u; axis++) {
+            set_twist(fixed->tw.of[i], axis, &fixed->twist[i][axis]);
+        }
     }
+}
+
+/* The part of the twist at frame i that is on an axis, by itself. */
+static inline void turn_twist(const kc_fixed_t *f, const kc_twists_t *tw, uint32_t i, uint32_t axis,
+                              kc_pose_t *T)
+{
+    if ((f->varies[i] & (ON_X << axis)) != 0u) {
+        kc_pose_screw(T, axis, tw->of[i][axis], tw->of[i][3u + axis]);
+    } else {
+        apply_screw(&f->twist[i][axis], axis, T);
+    }
+}
+
+/* Frames 0 .. n without corrections that depend on loads, and the tool. Joint, link and twist are apart: screws on one
+ * line, taken together, would round otherwise. */
+static void walk_unloaded(const kc_fixed_t *f, const kc_ctx_t *ctx, kc_pose_t *frame, kc_pose_t *tool)
+{
+    const kc_arm_t *arm = f->arm;
+    kc_screw_t joint[KC_JOINT_MAX + 1u];
+    kc_twists_t own;
+    const kc_twists_t *tw = sum_unloaded(f, ctx, &own);
+    kc_pose_t T = f->base;
+    for (uint32_t i = 0u; i < arm->n_joints; i++) { set_z(arm, i, NO_TWIST, ctx->q, &joint[i]); }
+    for (uint32_t i = 0u; i <= arm->n_joints; i++) {
+        if (i > 0u) { apply_screw(&joint[i - 1u], 2u, &T); }
+        apply_screw(&f->link[i], 0u, &T);
+        turn_twist(f, tw, i, 0u, &T);
+        turn_twist(f, tw, i, 1u, &T);
+        turn_twist(f, tw, i, 2u, &T);
+        frame[i] = T;
+    }
+    kc_pose_mul(&T, &f->tool, tool);
+    apply_twist(tool, tw->of[KC_FRAME_TOOL], NULL);
+}
+
+/* Moments about frame 0 .. n, from the tool to the base, masses added up; and what they are about the joints' axes, or,
+ * along one that slides, the force. */
+static void sum_moments(const kc_arm_t *arm, const kc_pose_t *frame, const kc_ctx_t *ctx, kc_loads_t *loads)
+{
+    const double *g = ctx->g_m_s2, *tool_m = loads->origin_m[KC_FRAME_TOOL];
+    const uint32_t n = arm->n_joints;
+    beyond_t all = {0.0, {0.0, 0.0, 0.0}}, payload = all;
+    add_mass(&payload, ctx->payload_kg, tool_m);
+    add_mass(&all, ctx->payload_kg, tool_m);
+    for (uint32_t i = n + 1u; i-- > 0u;) {
+        const kc_pose_t *T = &frame[i];
+        double m[3];
+        moment_about(&all, T->p_m, g, m);
+        kc_m3t_mul_v3(T->R, m, loads->moment[i]);
+        if (i < n) {
+            const bool slides = arm->joint[i].type == KC_PRISMATIC;
+            const double along = loads->g_link_m_s2[i][2]; /* gravity on the joint's axis */
+            loads->tau[i] = slides ? all.mass_kg * along : loads->moment[i][2];
+            loads->tau_payload[i] = slides ? payload.mass_kg * along : moment_on_z(&payload, T, g);
+        }
+        if (i > 0u) { link_mass(&arm->joint[i - 1u], T, &all); }
+    }
+}
+
+void kc_fixed_loads(const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_loads_t *loads)
+{
+    const kc_arm_t *arm = fixed->arm;
+    kc_pose_t frame[KC_JOINT_MAX + 1u], tool;
+    memset(loads, 0, sizeof *loads);
+    walk_unloaded(fixed, ctx, frame, &tool);
+    for (uint32_t i = 0u; i <= arm->n_joints; i++) { lever_parts(&frame[i], ctx->g_m_s2, i, loads); }
+    kc_v3_copy(tool.p_m, loads->origin_m[KC_FRAME_TOOL]);
+    sum_moments(arm, frame, ctx, loads);
 }
 
 const kc_loads_t *kc_fixed_needed_loads(const kc_fixed_t *fixed, const kc_ctx_t *ctx, kc_loads_t *work)
@@ -361,7 +421,7 @@ void kc_fixed_frames(const kc_fixed_t *fixed, const kc_ctx_t *ctx, const kc_load
     kc_twists_t own;
     screws_t screws;
     kc_pose_t T = fixed->base;
-    const kc_twists_t *tw = sum_twists(fixed, ctx, loads, &own, NULL);
+    const kc_twists_t *tw = sum_twists(fixed, ctx, loads, false, &own, NULL);
     set_links(fixed, tw, &screws);
     turn_link(fixed, &screws, 0u, &T);
     for (uint32_t i = 1u; i <= arm->n_joints; i++) {
@@ -428,9 +488,10 @@ static void add_coef_rows(const kc_terms_t *terms, const double *weight, bool ca
     const double *p = camera_side ? ev->measured_m : ev->T.p_m;
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
+        if (on_camera_side(t) != camera_side) { continue; }
         const double w = is_constant(t) ? t->gain : weight[k];
         double *row = ev->J[t->coef];
-        if ((t->frame >= KC_FRAME_CAMERA) != camera_side || kc_is_zero(w)) { continue; }
+        if (kc_is_zero(w)) { continue; }
         if (t->comp < (uint8_t)KC_RX) {
             kc_v3_add_scaled(row, w, ev->line[t->frame][t->comp].axis, row);
         } else {
@@ -460,7 +521,7 @@ void kc_fixed_eval(const kc_fixed_t *fixed, const kc_ctx_t *ctx, const kc_loads_
 {
     kc_twists_t own;
     double weight[KC_TERM_MAX];
-    const kc_twists_t *tw = sum_twists(fixed, ctx, loads, &own, want_J ? weight : NULL);
+    const kc_twists_t *tw = sum_twists(fixed, ctx, loads, false, &own, want_J ? weight : NULL);
     eval_with(fixed, tw, ctx, want_J ? weight : NULL, ev);
 }
 
@@ -523,7 +584,7 @@ uint32_t kc_fixed_residual(const kc_fixed_t *fixed, const kc_obs_t *obs, const k
     kc_twists_t own;
     double weight[KC_TERM_MAX];
     kc_pose_t M;
-    const kc_twists_t *tw = sum_twists(fixed, &obs->ctx, loads, &own, weight);
+    const kc_twists_t *tw = sum_twists(fixed, &obs->ctx, loads, obs->has_cam != 0u, &own, weight);
     eval_with(fixed, tw, &obs->ctx, weight, ev);
     observed(obs, ev, &M);
     if (obs->has_cam) {
@@ -546,7 +607,7 @@ uint32_t kc_fixed_miss(const kc_fixed_t *fixed, const kc_obs_t *obs, const kc_lo
 {
     kc_twists_t own;
     kc_pose_t M;
-    const kc_twists_t *tw = sum_twists(fixed, &obs->ctx, loads, &own, NULL);
+    const kc_twists_t *tw = sum_twists(fixed, &obs->ctx, loads, obs->has_cam != 0u, &own, NULL);
     eval_with(fixed, tw, &obs->ctx, NULL, ev);
     observed(obs, ev, &M);
     if (obs->has_cam) { correct_measured(obs, tw, &M, NULL); }

@@ -35,8 +35,14 @@ typedef struct {
     double of[KC_FRAME_COUNT][6];
 } kc_twists_t;
 
+/* Terms by number, in order. */
+typedef struct {
+    uint32_t n_listed;
+    uint16_t listed[KC_TERM_MAX];
+} kc_term_list_t;
+
 /* What an arm, its terms and coefficients give for every pose: kc_model_fix makes it, nobody else writes it. It holds as
- * long as those three do not change. About 2 KiB; caller owns it. */
+ * long as those three do not change. About 3 KiB; caller owns it. */
 typedef struct {
     const kc_arm_t *arm;
     const kc_terms_t *terms; /* NULL: none, all poses are nominal */
@@ -44,11 +50,13 @@ typedef struct {
     bool loads_count; /* a term depends on loads whose coefficient is enabled or not 0 */
     kc_pose_t base, tool; /* f_B and f_T of the arm */
     kc_twists_t tw; /* of the constant terms; 0 where others add to them */
-    /* on x and y of frame 0 .. n: link and twist; where the twist is not constant, each pose has its own */
-    kc_screw_t x[KC_JOINT_MAX + 1u], y[KC_JOINT_MAX + 1u];
+    /* Screws of the twist at frame 0 .. n, by axis; of the link before the frame; and of both on their common x. Where the
+     * twist is not constant, each pose has its own. */
+    kc_screw_t twist[KC_JOINT_MAX + 1u][3], link[KC_JOINT_MAX + 1u], x[KC_JOINT_MAX + 1u];
     uint8_t varies[KC_FRAME_COUNT]; /* bit: component of the twist that is not constant */
-    uint32_t n_varying;
-    uint16_t varying[KC_TERM_MAX]; /* terms that are not constant or add to such a component, in order */
+    /* Terms that are not constant or add to such a component: on the arm, on the camera side, and those on the arm that
+     * move it and do not depend on loads. */
+    kc_term_list_t on_arm, on_camera, unloaded;
 } kc_fixed_t;
 
 /* Everything one pose gives: about 5 KiB; caller owns it. */

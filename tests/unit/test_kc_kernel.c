@@ -90,6 +90,17 @@ void test_clenshaw_gives_the_sum_of_sines_for_both_arguments(void)
     }
 }
 
+void test_a_kernel_has_any_number_of_weights(void)
+{
+    const double angle = 0.7, q[4] = {cos(0.5 * angle), 0.0, 0.0, sin(0.5 * angle)};
+    for (uint32_t n_w = 1u; n_w <= 6u; n_w++) {
+        s_k.hyper[0].n_w = n_w;
+        for (uint32_t n = 0u; n < n_w; n++) { s_k.hyper[0].w[n] = 1.0 / (double)(n + 2u); }
+        TEST_ASSERT_DOUBLE_WITHIN(1e-14, by_sines(&s_k.hyper[0], 0.5 * angle),
+                                  kc_kernel_rot(&s_k, 0u, ONE, q));
+    }
+}
+
 void test_position_part_is_a_gaussian_and_both_multiply(void)
 {
     const kc_point_t a = {{1.0, 0.0, 0.0, 0.0}, {0.1, 0.2, 0.3}};
