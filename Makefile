@@ -102,9 +102,14 @@ units: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c
 unit: units ## unit tests
 	$(call ctest,rel,unit)
 
-unit-san: $(BUILD)/san/build.ninja $(BUILD)/unity/src/unity.c ## unit tests under ASan and UBSan
-	$(call compile,san,units)
-	$(call ctest,san,unit-san)
+# One build has sanitizers and counters: what they mean for each condition, `make cov` reads from the library, which has the
+# whole core, and from the process, which has fsw/lcm.
+COUNTED := $(BUILD)/cov/profile
+unit-san: export LLVM_PROFILE_FILE = $(CURDIR)/$(COUNTED)/%m.profraw
+unit-san: $(BUILD)/cov/build.ninja $(BUILD)/unity/src/unity.c ## unit tests under ASan and UBSan, which also counts for `make cov`
+	$(call compile,cov,units kincal_shared kincal-fsw)
+	@rm -rf $(COUNTED)
+	$(call ctest,cov,unit-san)
 
 oracle: core .venv/.stamp-dev ## the core's numbers against independent libraries
 	$(PYTEST) tests/oracle --junitxml=$(JUNIT)/oracle.xml
@@ -135,7 +140,7 @@ test: ## everything a change has to pass, with a summary
 	@$(MAKE) --no-print-directory -j4 -k setup build units || $(MAKE) --no-print-directory setup # a failed build is a step's
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log --first build --first unit \
-	    live-test integration workbench-test ground-test lint wcet unit-san sigma-short cov fuzz lint-test oracle mutation-short size heapcheck
+	    live-test integration workbench-test ground-test lint wcet cov sigma-short fuzz lint-test oracle mutation-short size heapcheck
 
 # libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
 # harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.
@@ -184,15 +189,8 @@ record: core messages .venv/.stamp ## calibrations for the replay, and what it h
 # ---- measures of the flight core ----------------------------------------------------------------------
 
 .PHONY: cov size heapcheck wcet wcet-search
-# Counters of all unit tests, merged; what they mean for each condition is read from the library, which has the whole core,
-# and from the process, which has fsw/lcm.
-COUNTED := $(BUILD)/cov/profile
 $(BUILD)/cov/build.ninja: | $(STAMP)/apt-test
-cov: export LLVM_PROFILE_FILE = $(CURDIR)/$(COUNTED)/%m.profraw
-cov: $(BUILD)/cov/build.ninja $(BUILD)/unity/src/unity.c ## lines, branches and conditions (MC/DC) of flight by the unit tests
-	$(call compile,cov,units kincal_shared kincal-fsw)
-	@rm -rf $(COUNTED)
-	$(call ctest,cov,cov) > $(BUILD)/cov/tests.txt || { cat $(BUILD)/cov/tests.txt; exit 1; }
+cov: unit-san ## lines, branches and conditions (MC/DC) of flight by the unit tests
 	$(Q)llvm-profdata-19 merge -o $(BUILD)/cov/core.profdata $(COUNTED)
 	$(Q)llvm-cov-19 export -instr-profile=$(BUILD)/cov/core.profdata $(BUILD)/cov/libkincal.so \
 	    -object $(BUILD)/cov/kincal-fsw > $(BUILD)/cov/core.json

@@ -25,7 +25,7 @@ from pathlib import Path
 # Steps that are tests, and the JUnit file each writes.
 REPORT = {
     "unit": "unit.xml",
-    "unit-san": "unit-san.xml",
+    "cov": "unit-san.xml",
     "oracle": "oracle.xml",
     "integration": "integration.xml",
     "ground-test": "ground.xml",
