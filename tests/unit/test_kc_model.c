@@ -240,6 +240,20 @@ void test_the_arm_side_does_not_see_camera_terms(void)
     expect_doubles(zero, s_ev.J[0], 6, 0.0);
 }
 
+/* As many terms that are not constant on the arm as on the camera side. */
+void test_terms_that_vary_move_the_arm_and_the_camera_side(void)
+{
+    add_term(1u, KC_RZ, KC_VAR_Q, 1u);
+    add_term(KC_FRAME_CAMERA, KC_TX, KC_VAR_Q, 1u);
+    kc_obs_t obs = given_observation();
+    double r[6];
+    kc_pose_t nominal = s_ev.T;
+    s_coef[0] = s_coef[1] = 0.1;
+    (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
+    TEST_ASSERT_TRUE(fabs(s_ev.T.p_m[0] - nominal.p_m[0]) > 1e-3);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.1 * s_ctx.q[0], s_ev.measured_m[0] - nominal.p_m[0]);
+}
+
 /* Whatever the evaluation before has left there. */
 void test_without_a_camera_pose_nothing_of_the_measurement_moves_the_residual(void)
 {
