@@ -1,7 +1,9 @@
 """Workbench input: measurements, arm tables, model files. Each refusal says what, where and what to do."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from threading import Barrier, Event, Thread
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +13,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
+from kincal.api.models import change_by_adding
 from kincal.rotations import Pose
 from kincal.workbench.consistency.recorded import _too_alike
 from kincal.workbench.data.copies import without_copies
@@ -19,6 +22,7 @@ from kincal.workbench.data.split import choose_split
 from kincal.workbench.evidence.adequacy import noise_floor
 from kincal.workbench.fit.frames import solve_frames
 from kincal.workbench.model.flight_model import nominal_chain
+from kincal.workbench.model.modelfile import change_model, held, replace_model
 
 HEADER = "q1,q2,px,py,pz"
 
@@ -231,6 +235,61 @@ def test_model_file_refuses_doubles_and_strangers(tmp_path):
     path.write_text('effects = ["a"]\ncolour = "red"\n')
     with pytest.raises(wb.BadInput, match="colour"):
         wb.read_model(path)
+
+
+def test_commands_at_the_same_time_lose_no_effect(tmp_path):
+    """Of four that added an effect each at once, one or two were lost; each said it had added its own."""
+    path, names = tmp_path / "M.toml", ["base_flex", "backlash[1]", "encoder_gain[2]", "joint_compliance[3]"]
+    together = Barrier(len(names))
+
+    def add(name):
+        together.wait()
+        change_by_adding(path, [name])
+
+    for _ in range(3):
+        path.unlink(missing_ok=True)
+        with ThreadPoolExecutor(len(names)) as pool:
+            list(pool.map(add, names))
+        assert set(wb.read_model(path).effects) == set(names)
+    assert [p.name for p in tmp_path.iterdir()] == ["M.toml"]
+
+
+def test_a_change_waits_for_the_command_that_holds_the_model(tmp_path):
+    path, begun, read = tmp_path / "M.toml", Event(), []
+
+    def other():
+        with held(path):
+            begun.set()
+            read.append(wb.read_model(path).effects)
+
+    with held(path):
+        thread = Thread(target=other)
+        thread.start()
+        assert not begun.wait(0.2)
+        wb.write_model(path, wb.ModelFile().add(["base_flex"]))
+    thread.join()
+    assert read == [("base_flex",)]
+
+
+def test_a_long_command_does_not_undo_what_was_changed_meanwhile(tmp_path):
+    path = tmp_path / "M.toml"
+    wb.write_model(path, wb.ModelFile().add(["base_flex"]))
+    before = wb.read_model(path)
+    change_model(path, lambda model: model.add(["backlash[1]"]))
+    now = path.read_bytes()
+    with pytest.raises(wb.BadInput, match="another command changed it meanwhile") as error:
+        replace_model(path, before.add(["encoder_gain[2]"]))
+    assert error.value.todo == "run this command again"
+    assert path.read_bytes() == now
+    replace_model(path, wb.read_model(path).add(["encoder_gain[2]"]))
+    assert wb.read_model(path).effects == ("base_flex", "backlash[1]", "encoder_gain[2]")
+
+
+def test_a_new_model_is_not_written_over_one_that_came_meanwhile(tmp_path):
+    new = wb.read_model(tmp_path / "new" / "M.toml", must_exist=False).add(["backlash[1]"])
+    change_model(tmp_path / "new" / "M.toml", lambda model: model.add(["base_flex"]), must_exist=False)
+    with pytest.raises(wb.BadInput, match="meanwhile"):
+        replace_model(tmp_path / "new" / "M.toml", new)
 
 
 def test_answers_are_valid_json_without_nan(tmp_path):

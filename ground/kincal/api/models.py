@@ -14,7 +14,7 @@ from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.diagnosis.unnamed_effects import Found, find_unnamed
 from kincal.workbench.evidence.constants import choose_constants
 from kincal.workbench.model.effects import Hypothesis, Library
-from kincal.workbench.model.modelfile import ModelFile, read_model
+from kincal.workbench.model.modelfile import ModelFile, held, read_model, replace_model, write_model
 from kincal.workbench.model.unnamed_names import UnnamedName
 from kincal.workbench.model.uplink import dropped, refuse_other_arm, term_image
 from kincal.workbench.numerics.types import Progress, no_progress
@@ -91,6 +91,26 @@ def add_effects(
         after = after.with_terms(addition.effect.entry())
     new = [str(f.resolve()) for f in effect_files if str(f.resolve()) not in before.libraries]
     return Added(replace(after, libraries=(*before.libraries, *new)), found)
+
+
+def change_by_adding(
+    model_path: Path,
+    names: Sequence[str],
+    effect_files: Sequence[Path] = (),
+    arm_path: Path | None = None,
+    read: Read | None = None,
+    progress: Progress = no_progress,
+) -> Added:
+    """As `add_effects`, and the file is written. Other commands that change it wait for names alone; for an
+    unnamed effect, whose terms take long to find, BadInput if one of them was quicker."""
+    if any(name == UNNAMED or is_unnamed(name) for name in names):
+        added = add_effects(model_path, names, effect_files, arm_path, read, progress)
+        replace_model(model_path, added.model)
+        return added
+    with held(model_path):
+        added = add_effects(model_path, names, effect_files, arm_path, read, progress)
+        write_model(model_path, added.model)
+    return added
 
 
 def _found_in_data(

@@ -74,17 +74,15 @@ def add_command(
         kincal model add --model M.toml --arm arm.toml --data poses.csv "unnamed[joint 1: q1, q3]"
         kincal model add --model M.toml --arm arm.toml --data poses.csv unnamed
     """
-    from kincal.api.models import add_effects
+    from kincal.api.models import change_by_adding
     from kincal.cli.terminal import progress
     from kincal.cli.text import model as text
-    from kincal.workbench.model.modelfile import write_model
 
     read = given.read if given else None
     with progress() as tick:
-        added = add_effects(model_path, names, effect_files, arm_path, read, tick)
+        added = change_by_adding(model_path, names, effect_files, arm_path, read, tick)
     for line in text.additions(added.found):
         click.echo(line)
-    write_model(model_path, added.model)
     click.echo(f"{model_path}: {text.names(added.model)}")
 
 
@@ -99,10 +97,9 @@ def remove_command(model_path: Path, names: tuple[str, ...]) -> None:
         kincal model remove --model M.toml joint_compliance[2]
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.model.modelfile import read_model, write_model
+    from kincal.workbench.model.modelfile import change_model
 
-    after = read_model(model_path).remove(list(names))
-    write_model(model_path, after)
+    after = change_model(model_path, lambda model: model.remove(list(names)))
     click.echo(f"{model_path}: {text.names(after)}")
 
 
@@ -116,10 +113,9 @@ def undo_command(model_path: Path) -> None:
         kincal model undo --model M.toml
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.model.modelfile import read_model, write_model
+    from kincal.workbench.model.modelfile import ModelFile, change_model
 
-    after = read_model(model_path).undo()
-    write_model(model_path, after)
+    after = change_model(model_path, ModelFile.undo)
     click.echo(f"{model_path}: {text.names(after)}")
 
 

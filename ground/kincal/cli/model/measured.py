@@ -168,7 +168,7 @@ def fit_command(
     from kincal.api.models import load_model
     from kincal.cli.text import model as text
     from kincal.workbench.comparison.fitrecord import fitted
-    from kincal.workbench.model.modelfile import write_model
+    from kincal.workbench.model.modelfile import replace_model
     from kincal.workbench.numerics.background import second_process
     from kincal.workbench.report.answers import fit_json, fit_text
 
@@ -181,7 +181,7 @@ def fit_command(
     if model_path is not None:
         where = str(arm_path.resolve()) if arm_path.is_file() else str(arm_path)
         new = not model_path.exists()
-        write_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
+        replace_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
         if new:
             click.echo(f"{model_path}: a new model, {text.names(chosen)}", err=True)
     else:

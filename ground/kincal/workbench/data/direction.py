@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..numerics.types import Array
+from ..numerics.types import Array, Indices
 from .measurements import SAME_POSE, Measurements
 
 _LEAST_POSES = 10  # fewer rows can be sorted by chance
@@ -24,11 +24,20 @@ def with_direction(data: Measurements) -> Measurements:
     if reason:
         note = f"approach direction is not inferred from {time}: {reason}"
         return replace(data, notes=(*data.notes, note))
-    order = np.arange(data.n) if data.t_s is None else np.argsort(data.t_s, kind="stable")
+    order = _by_time(data)
     direction = np.empty_like(data.q)
     direction[order] = last_moves(data.q[order])
     note = f"approach direction inferred from {time}: no dir columns"
     return replace(data, direction=direction, direction_source="inferred", notes=(*data.notes, note))
+
+
+def order_of_measurement(data: Measurements) -> Indices | None:
+    """(N,) the poses in the order in which they were measured; None if the rows are evidently in another."""
+    return None if _why_not(data) else _by_time(data)
+
+
+def _by_time(data: Measurements) -> Indices:
+    return np.arange(data.n) if data.t_s is None else np.argsort(data.t_s, kind="stable")
 
 
 def last_moves(q: Array, tol: float = SAME_POSE) -> Array:

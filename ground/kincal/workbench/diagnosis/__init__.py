@@ -23,7 +23,7 @@ from ..numerics.background import Begin, when_asked
 from ..numerics.types import Progress, no_progress
 from .advised import advised, texts_of
 from .findings import Diagnosis, EffectFinding, ParameterValue, Remainder, UnnamedFinding, conclude, promising
-from .guard import never_worse
+from .guard import correlated_noise, holding, never_worse
 from .heldout import HeldGain
 from .selection import MAX_EFFECTS, select
 from .study import Model, Study
@@ -71,8 +71,12 @@ def diagnose(
     progress("check", _STEPS - 1, _STEPS)
     evaluation = study.judging(comparison)
     kept = never_worse(study, found, evaluation)
+    serial = correlated_noise(evaluation, kept.model)
+    if serial is not None:
+        evaluation = evaluation.by_stretches()
+        kept = holding(study, kept, evaluation)
     asked = texts_of(hypotheses) if given is None else given
-    answer = conclude(evaluation, kept)
+    answer = conclude(evaluation, kept, serial)
     advice = advised(arm, data, library, asked, kept.model, dh=dh, outliers=answer.outliers.ids)
     return promising(answer, advice)
 

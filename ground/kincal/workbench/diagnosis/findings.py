@@ -27,6 +27,7 @@ from ..evidence.bayes_factors import LAMBDAS
 from ..evidence.constants import choose_constants
 from ..evidence.curves import Curve, curves
 from ..evidence.scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
+from ..evidence.serial import Serial
 from ..evidence.smooth import smooth_effect
 from ..evidence.unnamed import Cell
 from ..fit.least_squares import Fit
@@ -167,12 +168,12 @@ class Remainder:
 class Diagnosis:
     """Answer of `diagnose`.
 
-    comparison: of the given model with the data; effects: best first, those of the final model before
-    the alternatives; probability_none: that nothing is missing, before anything was added; final: the fit
-    with the effects of the final model; adequate_after: it explains the data, as of `Comparison`; outliers:
-    of the final model; map_ln_bf: ln Bayes factor
-    of each (location, drivers) before anything was added; advised: what to change about the model, and the
-    errors on the way.
+    comparison: of the given model with the data; effects: best first, those of the final model before the
+    alternatives; probability_none: that nothing is missing, before anything was added; final: the fit with
+    the effects of the final model; adequate_after: it explains the data, as of `Comparison`; outliers: of the
+    final model; map_ln_bf: ln Bayes factor of each (location, drivers) before anything was added; advised:
+    what to change about the model, and the errors on the way; serial: the noise is correlated in time, so
+    that effects were judged by stretches of the session, None if it is not.
     """
 
     comparison: Comparison
@@ -187,6 +188,7 @@ class Diagnosis:
     remainder: Remainder
     map_ln_bf: dict[tuple[str, str], float] = field(default_factory=dict)
     advised: Advised = NOTHING_ADVISED
+    serial: Serial | None = None
 
     @property
     def exhausted(self) -> bool:
@@ -197,12 +199,16 @@ class Diagnosis:
         return smooth and reachable is not None and reachable.nothing
 
 
-def conclude(study: Study, found: Selection) -> Diagnosis:
-    """Everything the answer says, from a selection."""
+def conclude(study: Study, found: Selection, serial: Serial | None = None) -> Diagnosis:
+    """Everything the answer says, from a selection. serial: noise that is correlated in time, for which the
+    study is by stretches."""
     final = study.fit(found.model)
     left, outliers = _left_by(final, study.comparison), _outliers(final, study.comparison)
     novel = unnamed_finding(study, found) if found.last.unnamed_wins else None
-    effects = effect_findings(study, found, left, explained=left.is_known_noise and novel is None)
+    if novel is not None and serial is not None and not novel.held.gains:
+        novel = None  # what follows time in one stretch is not there in the next
+    explained = left.is_known_noise and novel is None and serial is None
+    effects = effect_findings(study, found, left, explained=explained)
     return Diagnosis(
         comparison=study.comparison,
         verdict=_verdict(found.first.none, effects, novel, study.comparison),
@@ -215,6 +221,7 @@ def conclude(study: Study, found: Selection) -> Diagnosis:
         outliers=outliers,
         remainder=remainder(study, found.model, left.where),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
+        serial=serial,
     )
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from ..evidence.serial import Serial, serial_correlation
+from ..model.effects import Hypothesis, Term
 from .heldout import HeldGain
 from .states import Kept, Selection
 from .study import Model, Study
+
+_SURE = 0.9  # probability that an effect helps other stretches: few of them tell little
 
 
 def without_doubtful(study: Study, found: Selection) -> Selection:
@@ -43,6 +47,58 @@ def never_worse(study: Study, found: Selection, evaluation: Study) -> Selection:
     while (gone := _contradicted(evaluation, kept)) is not None:
         kept, back = tuple(k for k in kept if k is not gone), (*back, gone)
     return found if kept == found.kept else _settled(study, found, kept, back)
+
+
+def correlated_noise(study: Study, model: Model) -> Serial | None:
+    """Noise that is correlated in time; None if it is not. It shows in what the final model leaves, or, where
+    many effects were fitted to it, in what the given one leaves, unless that follows place as well as time or
+    an effect of the model follows time."""
+    if (left := serial_correlation(study.fit(model))).correlated:
+        return left
+    given = serial_correlation(study.base)
+    alone = given.correlated and given.separable and not any(map(follows_time, model))
+    return given if alone else None
+
+
+def follows_time(h: Hypothesis) -> bool:
+    """An effect that depends on time, or on a temperature that follows it."""
+    return any(b.var in ("t", "temp") for term in _terms(h) for b in term.basis)
+
+
+def shifts_with_time(h: Hypothesis) -> bool:
+    """An effect that shifts all positions alike from some time on, or more and more: what noise does that is
+    correlated in time."""
+    return any(term.frame == 0 and term.comp < 3 and term.basis[0].var == "t" for term in _terms(h))
+
+
+def _terms(h: Hypothesis) -> Iterator[Term]:
+    return (term for p in h.parameters for term in p.terms)
+
+
+def holding(study: Study, found: Selection, evaluation: Study) -> Selection:
+    """Without effects that stretches of the session, held out as a whole, are not predicted better with:
+    noise that is correlated in time is alike in poses measured one after another, so that an effect fitted to
+    some of them seems to predict the others. Without those, too, that are such noise by another name.
+    evaluation: of all poses, by stretches."""
+    kept, back = found.kept, found.taken_back
+    while (gone := _least_held(evaluation, kept)) is not None:
+        kept, back = tuple(k for k in kept if k is not gone), (*back, gone)
+    return found if kept == found.kept else _settled(study, found, kept, back)
+
+
+def _least_held(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
+    """The effect that helps least, of those that do not surely help; None if all do."""
+    model = _model(kept)
+
+    def holds(k: Kept, gain: HeldGain) -> bool:
+        if not gain.gains or shifts_with_time(k.effect):
+            return False
+        support = study.support(model, k.effect)
+        return support is not None and support.probability >= _SURE
+
+    gains = [(study.held_gain(model, k.effect), k) for k in kept]
+    doubtful = [(gain.ratio, k) for gain, k in gains if not holds(k, gain)]
+    return max(doubtful, key=lambda pair: pair[0])[1] if doubtful else None
 
 
 def _settled(

@@ -19,8 +19,8 @@ from ..model.effects import Hypothesis, Library
 from ..model.flight_model import room_for
 from ..model.grids import finer
 from ..model.hypotheses import Competition, merged_if_several
-from ..numerics.types import Array, Groups, array
-from ..prediction.crossval import folds, predicted
+from ..numerics.types import Array, Groups, Indices, array
+from ..prediction.crossval import folds, predicted, stretches
 from ..prediction.nested import Block, blocks
 from ..prediction.reachable import PosRot
 from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
@@ -44,8 +44,10 @@ class Study:
     """Data, candidates and weights of one diagnosis. Nothing of it changes; its functions depend on
     their arguments only and remember what they have computed.
 
-    weight: (N,) robust weights under DH plus all effects; stated: the data state their noise;
-    given: effects that are in the model from the start; dh: DH errors are.
+    weight: (N,) robust weights under DH plus all effects; stated: the data state their noise; given: effects
+    that are in the model from the start; dh: DH errors are; in_stretches: the noise is correlated in time, so
+    that stretches of the session are held out in turns, and neither the evidence nor single held-out poses,
+    whose neighbours were fitted, count.
     """
 
     comparison: Comparison
@@ -54,6 +56,7 @@ class Study:
     dh: bool
     competition: Competition
     weight: Array
+    in_stretches: bool = False
     _memory: dict[object, object] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -72,6 +75,10 @@ class Study:
         weight = np.ones(comparison.fit_all.data.n)
         return replace(self, comparison=comparison, weight=weight, _memory={})
 
+    def by_stretches(self) -> Study:
+        """The same study, judged by stretches of the session that are held out."""
+        return replace(self, in_stretches=True, _memory={})
+
     @property
     def base(self) -> Fit:
         """The given model fitted to the data."""
@@ -89,8 +96,10 @@ class Study:
 
     @property
     def _few(self) -> bool:
-        """Too few poses are held out for an interval, and enough are there to take turns."""
-        return len(self.comparison.split.held) < FEW_HELD and self.can_take_turns
+        """Too few poses are held out for an interval, or the wrong ones, and enough are there to take
+        turns."""
+        few = self.in_stretches or len(self.comparison.split.held) < FEW_HELD
+        return few and self.can_take_turns
 
     @property
     def _pool(self) -> Measurements:
@@ -116,7 +125,9 @@ class Study:
         return self._remembered(("fit", model), lambda: self._fit_to(base.data, base, model))
 
     def explains(self, model: Model) -> bool:
-        """These effects explain the data to within a noise that is known."""
+        """These effects explain the data to within a noise that is known and not correlated."""
+        if self.in_stretches:
+            return False
         fit = self.fit(model)
         p = lack_of_fit(fit, noise_floor(fit))
         return p is not None and p > ADEQUATE_P
@@ -212,11 +223,24 @@ class Study:
 
     def _predicted_in_turns(self, model: Model) -> Array:
         data = self._pool
-        r, fold = np.zeros((data.n, data.components)), folds(data, TURNS)
+        if self.in_stretches and data.n > _FITTED_ANEW:
+            return predicted(self.fit(model), self._turns)
+        r, fold = np.zeros((data.n, data.components)), self._turns
         for k in np.unique(fold):
             out = fold == k
             r[out] = self._fit_to(data.take(~out), self.base, model).predict(data.take(out))
         return r
+
+    @property
+    def _turns(self) -> Indices:
+        """(N,) number of the turn in which each pose is held out."""
+        return stretches(self._pool, TURNS) if self.in_stretches else folds(self._pool, TURNS)
+
+    @property
+    def _alike(self) -> Groups | None:
+        """(M,) of the judged poses: number of the group of replicates, or of the stretch, half a turn, whose
+        poses have noise in common. None if each has its own."""
+        return stretches(self._judged, 2 * TURNS) if self.in_stretches else self._judged.repeats
 
     @property
     def can_take_turns(self) -> bool:
@@ -235,7 +259,11 @@ class Study:
         if self._pool.n <= _FITTED_ANEW:
             before, after = self._in_turns(without), self._in_turns(with_it)
         else:  # linear at the fit of each: to fit anew takes far longer and says the same
-            before, after = (predicted(self.fit(some), TURNS) for some in (without, with_it))
+            before, after = (predicted(self.fit(some), self._turns) for some in (without, with_it))
+        if self.in_stretches:
+            return of_turns(before, after, TURNS, stretches(self._pool, 2 * TURNS)).beside(
+                self._in_blocks(without, with_it), self._in_blocks(with_it, with_it)
+            )
         groups = self._pool.repeats
         if self.comparison.split.given and (held := self.comparison.held_data) is not None:
             before = np.vstack([before, self._held_residual(without, held)])
@@ -270,7 +298,7 @@ class Study:
             return NO_HELD_OUT
         without, with_it = self._without_and_with(model, h)
         before, after = self._held(without), self._held(with_it)
-        groups = self._judged.repeats
+        groups = self._alike
         gain = HeldGain.of(_square(before), _square(after), groups, cross_validated=self._few)
         turned = rms(after)[1], rms(before)[1]
         return replace(gain, rotation=turned[0] / turned[1]) if turned[0] and turned[1] else gain

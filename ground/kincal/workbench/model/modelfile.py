@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
-from collections.abc import Iterable
+import os
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,7 +26,7 @@ from kincal_shared.schema.model import (
     UnnamedEntry,
 )
 from kincal_shared.schema.names import effect_of, split_constants, with_constants
-from kincal_shared.writing import write_file
+from kincal_shared.writing import is_stream, write_file
 
 from ..numerics.types import Array
 
@@ -46,6 +49,7 @@ class ModelFile:
     values, units, constants, fit: of the last fit, by coefficient and by effect; `uplink` uses the
     constants, exports use all.
     unnamed: terms of the unnamed effects, by name; those of the history too, so that `undo` finds them.
+    content: of the file that it was read from; empty if there was none.
     """
 
     effects: tuple[str, ...] = ()
@@ -59,6 +63,7 @@ class ModelFile:
     constants: dict[str, dict[str, float]] = field(default_factory=dict)
     fit: FitEntry | None = None
     unnamed: dict[str, UnnamedEntry] = field(default_factory=dict)
+    content: bytes = field(default=b"", compare=False, repr=False)
 
     def with_terms(self, entry: UnnamedEntry) -> ModelFile:
         """The model that knows the terms of an unnamed effect, or knows them anew."""
@@ -145,6 +150,7 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         if must_exist:
             raise BadInput("no such file", str(path), f"`kincal model add --model {path} EFFECT` makes one")
         return ModelFile()
+    content = _content(path)  # before it is parsed: a change in between is noticed, never lost
     entry = validate(ModelEntry, read_toml(path), str(path))
     effects, fixed = _effects_of(entry.effects)
     return ModelFile(
@@ -159,7 +165,55 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         constants=entry.constants,
         fit=entry.fit,
         unnamed={u.name: u for u in entry.unnamed},
+        content=content,
     )
+
+
+def _content(path: Path) -> bytes:
+    """Of a file; nothing of what is none, or cannot be read."""
+    try:
+        return path.read_bytes() if path.is_file() else b""
+    except OSError:
+        return b""
+
+
+def change_model(
+    path: str | Path, change: Callable[[ModelFile], ModelFile], *, must_exist: bool = True
+) -> ModelFile:
+    """Read a model file, change it and write it, while other commands that would change it wait. For changes
+    that take no time. must_exist: as of `read_model`."""
+    with held(path):
+        after = change(read_model(path, must_exist=must_exist))
+        write_model(path, after)
+    return after
+
+
+def replace_model(path: str | Path, model: ModelFile) -> None:
+    """Write a model that took long to compute from what was read of the same file. BadInput if the file was
+    changed meanwhile: what the other command wrote stays."""
+    path = Path(path)
+    with held(path):
+        if not is_stream(path) and _content(path) != model.content:
+            raise BadInput(
+                "another command changed it meanwhile, so nothing was written",
+                str(path),
+                "run this command again",
+            )
+        write_model(path, model)
+
+
+@contextlib.contextmanager
+def held(path: str | Path) -> Iterator[None]:
+    """Other commands that change this model file wait. The lock is on its folder: the file itself is replaced
+    when it is written, and a lock file beside it would stay. File systems without locks have none."""
+    place = Path(os.path.realpath(path)).parent
+    folder = next(p for p in (place, *place.parents) if p.is_dir())
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            descriptor = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, descriptor)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
 
 
 def write_model(path: str | Path, model: ModelFile) -> None:

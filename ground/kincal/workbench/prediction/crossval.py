@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..data.measurements import Measurements
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit
-from ..numerics.types import Array, Mask, array
+from ..numerics.types import Array, Indices, Mask, array
 
 FOLDS, _DRAWS = 8, 3  # folds, and how often poses are shared out anew: less depends on luck
 _GROSS = 0.1  # robust weight below which a pose tells nothing about what predicts better
@@ -32,13 +32,22 @@ def folds(data: Measurements, count: int = FOLDS, draw: int = 0) -> NDArray[np.i
     return fold
 
 
-def predicted(fit: Fit, count: int) -> Array:
-    """(N, c) residuals [m, rad] of the poses of a fit, each fold predicted by the others: linear at the fit,
-    with its weights and priors."""
+def stretches(data: Measurements, count: int) -> NDArray[np.int_]:
+    """(N,) number of the stretch of the session in which each pose was measured; all have as many poses."""
+    place = np.arange(data.n)
+    if data.t_s is not None:
+        place[np.argsort(data.t_s, kind="stable")] = np.arange(data.n)
+    stretch: NDArray[np.int_] = place * count // data.n
+    return stretch
+
+
+def predicted(fit: Fit, fold: Indices) -> Array:
+    """(N, c) residuals [m, rad] of the poses of a fit, each fold (N,) predicted by the others: linear at the
+    fit, with its weights and priors."""
     n, c = fit.evaluation.r.shape
     a = fit.J * fit.sigma_prior / fit.scale
     y = (fit.z + fit.J @ fit.estimate) / fit.scale
-    root, fold = np.repeat(np.sqrt(fit.weight), c), np.repeat(folds(fit.data, count), c)
+    root, fold = np.repeat(np.sqrt(fit.weight), c), np.repeat(fold, c)
     left = np.zeros(n * c)
     for k in np.unique(fold):
         fitted = fold != k

@@ -113,6 +113,9 @@ def diagnosis_json(d: Diagnosis, next_poses: Sequence[NextPose] = (), steps: Seq
         "advised": {"remove": list(d.advised.removed), "add": list(d.advised.added)},
         "next_steps": [{"why": step.why, "command": step.command} for step in steps],
         "verdict": d.verdict,
+        "correlated_in_time": None
+        if d.serial is None
+        else {"share": d.serial.share, "p_value": d.serial.p_value},
         "probability_none": d.probability_none,
         "adequate_after": d.adequate_after,
         "outliers_after": list(d.outliers.ids),

@@ -10,6 +10,7 @@ from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from ..diagnosis.suggestions import Suggestion
 from ..evidence.adequacy import REPLICATES, STRUCTURE_P, Outliers
+from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
@@ -302,13 +303,32 @@ def not_testable(n: Untestable) -> str:
 
 
 def verdict(d: Diagnosis) -> str:
-    """The diagnosis in one sentence."""
+    """The diagnosis in one sentence, and one more where the noise is correlated in time."""
+    found = _verdict(d)
+    return f"{found} {correlated(d.serial)}" if d.serial is not None else found
+
+
+def correlated(s: Serial) -> str:
+    """That the noise is correlated in time, or may be, and what to do."""
+    common = f"{s.share:.0%} of what the model leaves is common to poses measured one after another"
+    be, beside = ("is", "not to poses") if s.separable else ("may be", "no poses")
+    were = "that were" if s.separable else "were"
+    return (
+        f"The noise {be} correlated in time: {common}, and {beside} as near {were} measured at another time. "
+        "So only what helps stretches of the session that were held out as a whole counts: measure again at "
+        "rest and in random order, and more poses."
+    )
+
+
+def _verdict(d: Diagnosis) -> str:
     taken = [e for e in d.effects if e.in_model]
     shown = [e.name for e in taken if is_shown(e)]
     open_ = [e.name for e in taken if not is_shown(e)]
     with_them = _with(listed(shown) if shown else "", open_, d)
     if d.verdict == "adequate":
         return f"Nothing is missing that these data could show{but_for(d.outliers)}."
+    if d.serial is not None and not taken and d.novel is None:
+        return "What is left follows time, and no effect is shown to cause it."
     if d.verdict == "undecidable":
         return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
     if d.verdict == "novel" and d.novel is not None:

@@ -1,0 +1,150 @@
+"""Noise that is correlated in time is no effect, and what depends on place is no noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import poses
+import pytest
+from real_arms import DATA
+
+from kincal import workbench as wb
+from kincal.workbench.diagnosis.heldout import HeldGain
+from kincal.workbench.evidence.serial import serial_correlation
+from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.prediction.crossval import stretches
+from kincal.workbench.report import explain
+from kincal.workbench.report.answers import diagnosis_json
+
+SIGMA_M = 3e-4
+LOW, HIGH = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
+
+
+def autoregressive(n, rng):
+    """Each value nine tenths of the last one."""
+    x = rng.normal(size=(n, 3))
+    for i in range(1, n):
+        x[i] = 0.9 * x[i - 1] + np.sqrt(1.0 - 0.81) * x[i]
+    return x
+
+
+def walk(n, rng):
+    x = np.cumsum(rng.normal(size=(n, 3)), axis=0)
+    return (x - x.mean(axis=0)) / x.std()
+
+
+def white(n, rng):
+    return rng.normal(size=(n, 3))
+
+
+def measured(q, seed, noise, *, size=3.0, moved=lambda q: q, shifted_m=0.0):
+    """Positions of an arm with DH errors at readings q (n, 7), with white noise and `size` times as much of
+    another one."""
+    rng, n = np.random.default_rng(seed), len(q)
+    errors = 3e-3 * rng.normal(size=(7, 4)) / [1.0, 1.0, 3.0, 3.0]
+    p_m = np.array([poses.tool_pose(row, errors)[:3, 3] for row in moved(q)]) + shifted_m
+    return wb.Measurements(
+        source="made up",
+        ids=tuple(map(str, range(n))),
+        q=q,
+        p_m=p_m + SIGMA_M * (rng.normal(size=(n, 3)) + size * noise(n, rng)),
+        t_s=10.0 * np.arange(n),
+        cov=np.tile(np.diag([SIGMA_M**2] * 3 + [1e-6] * 3), (n, 1, 1)),
+    )
+
+
+def at_random(n, seed):
+    return np.random.default_rng(seed).uniform(LOW, HIGH, (n, 7))
+
+
+def eccentric(q):
+    """An error of joint 2 that follows its angle."""
+    out = q.copy()
+    out[:, 1] += 0.006 * np.sin(q[:, 1])
+    return out
+
+
+def in_model(d):
+    return [e.name for e in d.effects if e.in_model]
+
+
+@pytest.mark.parametrize("noise", [autoregressive, walk])
+@pytest.mark.parametrize("seed", [31, 32])
+def test_noise_that_is_correlated_in_time_is_no_effect(arm, library, noise, seed):
+    """Up to twelve effects came, which held-out poses confirmed: their neighbours in time were fitted."""
+    d = wb.diagnose(arm, measured(at_random(100, seed), seed, noise), library)
+    assert in_model(d) == []
+    assert d.serial is not None
+    assert d.serial.share > 0.4
+    said = explain.verdict(d)
+    assert "The noise is correlated in time" in said
+    assert "measure again at rest and in random order" in said
+    assert diagnosis_json(d)["correlated_in_time"] == {"share": d.serial.share, "p_value": d.serial.p_value}
+
+
+def test_an_effect_that_holds_in_stretches_stays_a_finding(arm, library):
+    d = wb.diagnose(arm, measured(at_random(100, 41), 41, autoregressive, moved=eccentric), library)
+    assert d.serial is not None
+    assert in_model(d) == ["encoder_eccentricity[2]"]
+    assert d.effects[0].held.cross_validated
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [({"moved": eccentric}, "encoder_eccentricity[2]"),
+     ({"shifted_m": np.where(np.arange(100) > 60, 2e-3, 0.0)[:, None] * [1.0, -0.5, 0.5]}, "base_step")],
+)  # fmt: skip
+def test_an_effect_without_such_noise_is_judged_as_before(arm, library, change, name):
+    """Also one that follows time: it leaves nothing that does."""
+    d = wb.diagnose(arm, measured(at_random(100, 51), 51, white, size=0.0, **change), library)
+    assert d.serial is None
+    assert in_model(d) == [name]
+    assert "correlated" not in explain.verdict(d)
+
+
+def test_what_depends_on_place_is_not_taken_for_noise(arm):
+    """On a path that is walked twice the next pose is near the last one, and what a model lacks is alike in
+    both; so it is in the pose of the other round, and noise is not."""
+    n = 140
+    turn = np.linspace(0.0, 4.0 * np.pi, n)[:, None]
+    q = (LOW + HIGH) / 2 + 0.4 * (HIGH - LOW) * np.sin(turn * np.arange(1, 8) + np.arange(7))
+    q += np.random.default_rng(1).normal(size=q.shape) * 0.02
+    lacking = fit_model(arm, measured(q, 2, white, size=0.0, moved=eccentric))
+    noisy = fit_model(arm, measured(q, 2, autoregressive))
+    z = lacking.z.reshape(n, -1)
+    assert (z[1:] * z[:-1]).sum() > 0.5 * (z**2).sum()  # what a test of the sequence alone sees
+    assert not serial_correlation(lacking).correlated
+    assert serial_correlation(noisy).correlated
+
+
+@pytest.mark.parametrize("name", ["fr3", "wam"])
+def test_residuals_of_real_arms_are_not_taken_for_noise(name):
+    table = wb.read_arm(DATA / name / f"{name}.toml")
+    fit = fit_model(table, wb.read_measurements(DATA / name / f"{name}.csv", table))
+    assert not serial_correlation(fit).correlated
+
+
+def test_rows_in_another_order_than_that_of_measurement_say_nothing(arm):
+    data = measured(at_random(60, 3), 3, walk)
+    assert serial_correlation(fit_model(arm, data)).correlated
+    unknown = replace(data, ids=tuple(reversed(data.ids)), order_is_time=True)
+    assert not serial_correlation(fit_model(arm, unknown)).correlated
+
+
+def test_stretches_follow_time_and_not_the_rows():
+    t_s = np.random.default_rng(1).permutation(20).astype(float)
+    data = wb.Measurements(
+        "made up", tuple(map(str, range(20))), np.zeros((20, 1)), np.zeros((20, 3)), t_s=t_s
+    )
+    number = stretches(data, 4)
+    assert [set(t_s[number == k]) for k in range(4)] == [set(range(k, k + 5)) for k in (0, 5, 10, 15)]
+    assert (stretches(replace(data, t_s=None), 4) == np.repeat(np.arange(4), 5)).all()
+
+
+def test_poses_with_noise_in_common_count_as_one():
+    """An interval from single poses says that a gain is sure which one stretch alone has."""
+    before, after = np.ones(100), np.ones(100)
+    after[:10] = 0.2
+    alone = HeldGain.of(before, after, cross_validated=True)
+    together = HeldGain.of(before, after, np.repeat(np.arange(10), 10), cross_validated=True)
+    assert alone.gains
+    assert not together.gains
