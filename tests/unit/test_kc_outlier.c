@@ -204,14 +204,14 @@ void test_a_residual_is_what_the_other_poses_do_not_know_of_the_camera_chain(voi
 {
     static const uint32_t cases[][2] = {{0u, 1u}, {0u, 2u}, {3u, 4u}, {3u, 5u}}; /* first, another axis */
     for (uint32_t c = 0u; c < 4u; c++) {
-        const uint32_t first = cases[c][0], other = cases[c][1];
+        const uint32_t first = cases[c][0], other = cases[c][1], third = 2u * first + 3u - other;
         double *sigma = first == 0u ? &s_camera.mast_sigma_m : &s_camera.mast_sigma_rad;
         given_poses_of_an_exact_camera(first);
         s_terms.n_coef = s_terms.n_term = 2u; /* and one along the third axis, which fits */
         s_terms.coef[1] = s_terms.coef[0];
         s_terms.term[1] = s_terms.term[0];
         s_terms.term[1].coef = 1u;
-        s_terms.term[1].comp = (uint8_t)(2u * first + 3u - other);
+        s_terms.term[1].comp = (uint8_t)third;
         seen_off(3u, other, 0.005);
         assert_worst(5.0, 1.0); /* it is no coefficient's: nothing of it is fitted */
         *sigma = 0.0005;
@@ -226,6 +226,12 @@ void test_a_residual_is_what_the_other_poses_do_not_know_of_the_camera_chain(voi
             seen_off(i, first, 0.002);
         }
         assert_worst(0.0, 1.0);
+        for (uint32_t i = 0u; i < 5u; i++) { seen_off(i, first, -0.002); }
+        for (uint32_t axis = first; axis < first + 3u; axis++) { /* the four others know those two to 1/4 */
+            seen_off(3u, axis, 0.005);
+            assert_worst(5.0, 1.0 + (axis == other ? 1.0 / (4.0 + 4.0) : 1.0 / 4.0));
+            seen_off(3u, axis, -0.005);
+        }
     }
 }
 
@@ -252,8 +258,11 @@ void test_positions_alone_know_of_the_camera_chain_too(void)
     given_poses_of_an_exact_camera(0u);
     for (uint32_t i = 0u; i < 5u; i++) { s_est.obs[i].has_rot = 0u; }
     s_camera.mast_sigma_m = 0.0005;
-    s_est.obs[3].p_m[1] += 0.005;
-    assert_worst(5.0, 1.0 + 1.0 / (4.0 + 4.0));
+    for (uint32_t axis = 1u; axis < 3u; axis++) {
+        seen_off(3u, axis, 0.005);
+        assert_worst(5.0, 1.0 + 1.0 / (4.0 + 4.0));
+        seen_off(3u, axis, -0.005);
+    }
 }
 
 /* Of a chain that is stated too large for the digits nothing is taken to be known. */
