@@ -5,6 +5,7 @@
 #include "kc_chi2.h"
 #include "kc_la.h"
 #include "kc_libm.h"
+#include "kc_vec.h"
 
 static uint32_t at(uint32_t i, uint32_t j) { return i >= j ? i * (i + 1u) / 2u + j : j * (j + 1u) / 2u + i; }
 
@@ -57,10 +58,9 @@ static void column(const kc_accuracy_t *a, const float *sums, uint32_t j, double
 /* y' C y of coefficients; C is that of est. */
 static double quadratic(const kc_accuracy_t *a, const kc_est_t *est, const double *y)
 {
-    double v[KC_COEF_MAX], s = 0.0;
+    double v[KC_COEF_MAX];
     kc_la_mul(est->cov, a->n_coef, KC_COEF_MAX, y, 1u, 1u, v);
-    for (uint32_t i = 0u; i < a->n_coef; i++) { s += y[i] * v[i]; }
-    return s;
+    return kc_v_dot(y, v, a->n_coef);
 }
 
 /* Element i of S times c. */

@@ -7,21 +7,7 @@
 
 #define N KC_CHAIN_COUNT
 
-static double sum_squares(const double *v, uint32_t n)
-{
-    double s = 0.0;
-    for (uint32_t i = 0u; i < n; i++) { s += v[i] * v[i]; }
-    return s;
-}
-
 void kc_consider_begin(kc_consider_t *c) { memset(c, 0, sizeof *c); }
-
-static double dot6(const double a[6], const double b[6])
-{
-    double s = 0.0;
-    for (uint32_t i = 0u; i < 6u; i++) { s += a[i] * b[i]; }
-    return s;
-}
 
 uint64_t kc_consider_add_cost(const kc_est_t *est) { return 40000u + 900u * est->terms->n_coef; }
 
@@ -30,14 +16,14 @@ void kc_consider_add(kc_consider_t *c, const kc_est_t *est, const kc_consider_po
     double h[N][6], col[6];
     for (uint32_t k = 0u; k < N; k++) {
         kc_la_whiten_apply(pose->W, pose->H[k], h[k]);
-        c->b_before[k] += dot6(h[k], pose->before);
-        c->b[k] += dot6(h[k], pose->after);
-        for (uint32_t j = 0u; j <= k; j++) { c->HH[k * N + j] += dot6(h[k], h[j]); }
+        c->b_before[k] += kc_v_dot(h[k], pose->before, 6u);
+        c->b[k] += kc_v_dot(h[k], pose->after, 6u);
+        for (uint32_t j = 0u; j <= k; j++) { c->HH[k * N + j] += kc_v_dot(h[k], h[j], 6u); }
     }
     for (uint32_t i = 0u; i < est->terms->n_coef; i++) {
         kc_la_whiten_apply(pose->W, pose->eval->J[i], col);
-        for (uint32_t k = 0u; k < N; k++) { c->S[i * N + k] += dot6(col, h[k]); }
-        c->JJ[i] += dot6(col, col);
+        for (uint32_t k = 0u; k < N; k++) { c->S[i * N + k] += kc_v_dot(col, h[k], 6u); }
+        c->JJ[i] += kc_v_dot(col, col, 6u);
     }
 }
 
@@ -87,7 +73,7 @@ void kc_consider_visible(kc_consider_t *c, const kc_est_t *est, uint32_t n)
     for (uint32_t i = 0u; i < est->terms->n_coef; i++) {
         memcpy(b, &c->S[i * N], sizeof b);
         kc_la_solve_lower(c->L, n, N, b);
-        c->visible[i] = c->JJ[i] - sum_squares(b, n);
+        c->visible[i] = c->JJ[i] - kc_v_dot(b, b, n);
     }
 }
 
@@ -98,9 +84,15 @@ void kc_consider_end(kc_consider_t *c, const kc_est_t *est)
     kc_consider_scale(c, 1.0);
 }
 
-double kc_consider_explains_before(const kc_consider_t *c, uint32_t n) { return sum_squares(c->b_before, n); }
+double kc_consider_explains_before(const kc_consider_t *c, uint32_t n)
+{
+    return kc_v_dot(c->b_before, c->b_before, n);
+}
 
-double kc_consider_explains_after(const kc_consider_t *c, uint32_t n) { return sum_squares(c->b_after, n); }
+double kc_consider_explains_after(const kc_consider_t *c, uint32_t n)
+{
+    return kc_v_dot(c->b_after, c->b_after, n);
+}
 
 double kc_consider_cov(const kc_consider_t *c, uint32_t i, uint32_t j)
 {
@@ -138,7 +130,7 @@ void kc_consider_pose(const kc_consider_t *c, const kc_est_t *est, const kc_eval
     for (uint32_t a = 0u; a < 6u; a++) {
         double mean = 0.0;
         for (uint32_t k = 0u; k < N; k++) { mean += move[a][k] * c->b_after[k]; }
-        var[a] = mean * mean + sum_squares(move[a], N);
+        var[a] = mean * mean + kc_v_dot(move[a], move[a], N);
     }
     *pos2 = var[0] + var[1] + var[2];
     *rot2 = var[3] + var[4] + var[5];

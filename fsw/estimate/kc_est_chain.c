@@ -3,15 +3,9 @@
 #include "kc_camera.h"
 #include "kc_est_priv.h"
 #include "kc_la.h"
+#include "kc_vec.h"
 
 #define N KC_CHAIN_COUNT
-
-static double dot(const double *a, const double *b, uint32_t n)
-{
-    double s = 0.0;
-    for (uint32_t k = 0u; k < n; k++) { s += a[k] * b[k]; }
-    return s;
-}
 
 double kc_est_since_s(const kc_est_t *est, uint32_t i) { return est->obs[i].ctx.t_s - est->obs[0].ctx.t_s; }
 
@@ -41,10 +35,10 @@ void kc_est_chain_add(kc_est_t *est, uint32_t i)
     (void)kc_est_block(est, i, raw);
     whitened(est, i, h);
     for (uint32_t k = 0u; k < N; k++) {
-        chain->b[k] += dot(h[k], &est->blk[6u * n], 6u);
-        for (uint32_t j = 0u; j <= k; j++) { chain->L[k * N + j] += dot(h[k], h[j], 6u); }
+        chain->b[k] += kc_v_dot(h[k], &est->blk[6u * n], 6u);
+        for (uint32_t j = 0u; j <= k; j++) { chain->L[k * N + j] += kc_v_dot(h[k], h[j], 6u); }
         for (uint32_t c = 0u; c < n; c++) {
-            chain->U[k / 6u][6u * c + k % 6u] += dot(h[k], &est->blk[6u * c], 6u);
+            chain->U[k / 6u][6u * c + k % 6u] += kc_v_dot(h[k], &est->blk[6u * c], 6u);
         }
     }
 }
@@ -75,7 +69,7 @@ void kc_est_chain_end(kc_est_t *est)
 double kc_est_chain_explains(const kc_est_t *est)
 {
     const kc_est_chain_t *chain = &est->chain;
-    return chain->known ? dot(chain->b, chain->b, N) : 0.0;
+    return chain->known ? kc_v_dot(chain->b, chain->b, N) : 0.0;
 }
 
 void kc_est_chain_correct(const kc_est_t *est, uint32_t i, const double *T, double w[6], double S[36])
@@ -93,7 +87,7 @@ void kc_est_chain_correct(const kc_est_t *est, uint32_t i, const double *T, doub
             }
         }
         kc_la_solve_lower(chain->L, N, N, M[a]);
-        w[a] -= dot(M[a], chain->b, N);
-        for (uint32_t b = 0u; b <= a; b++) { S[a * 6u + b] -= dot(M[a], M[b], N); }
+        w[a] -= kc_v_dot(M[a], chain->b, N);
+        for (uint32_t b = 0u; b <= a; b++) { S[a * 6u + b] -= kc_v_dot(M[a], M[b], N); }
     }
 }

@@ -3,6 +3,7 @@
 #include "kc_est_priv.h"
 #include "kc_la.h"
 #include "kc_libm.h"
+#include "kc_vec.h"
 
 uint32_t kc_est_list(const kc_est_t *est, uint64_t mask, uint32_t *list)
 {
@@ -53,13 +54,6 @@ double kc_est_prior_precision(const kc_est_t *est, uint32_t c, double *centre)
     return 1.0 / (by_bounds ? kc_est_bound_sigma(k) : KC_EST_WEAK_SIGMA * k->scale);
 }
 
-static double sum_squares(const double *v, uint32_t n)
-{
-    double s = 0.0;
-    for (uint32_t i = 0; i < n; i++) { s += v[i] * v[i]; }
-    return s;
-}
-
 void kc_est_pass_begin(kc_est_t *est, kc_est_pass_t pass, const double *coef)
 {
     kc_est_job_t *job = &est->job;
@@ -83,13 +77,14 @@ void kc_est_fold(kc_est_t *est, uint32_t i)
     kc_est_sums_t *s = &est->job.sums;
     double r[6];
     const uint32_t m = kc_est_block(est, i, r);
-    s->chi2 += sum_squares(&est->blk[6u * est->n_column], 6u);
+    const double *w = &est->blk[6u * est->n_column];
+    s->chi2 += kc_v_dot(w, w, 6u);
     s->rows += m;
     s->n_pos++;
-    s->pos2 += sum_squares(r, 3u);
+    s->pos2 += kc_v3_dot(r, r);
     if (m == 6u) {
         s->n_rot++;
-        s->rot2 += sum_squares(&r[3], 3u);
+        s->rot2 += kc_v3_dot(&r[3], &r[3]);
     }
     (void)kc_la_fold(est->R, est->n_column, KC_EST_LD, est->blk);
 }

@@ -10,12 +10,7 @@ _Static_assert(sizeof(kc_est_t) <= 176u * 1024u, "estimator memory budget");
 #define UNIT_TOL 1e-6
 #define BOUND_MIN 1e-6 /* of scale: bounds that meet leave no coefficient, but no division by zero either */
 
-static bool unit_norm(const double q[4])
-{
-    double s = 0.0;
-    for (uint32_t i = 0; i < 4u; i++) { s += q[i] * q[i]; }
-    return kc_fabs(kc_sqrt(s) - 1.0) <= UNIT_TOL;
-}
+static bool unit_norm(const double q[4]) { return kc_fabs(kc_sqrt(kc_v_dot(q, q, 4u)) - 1.0) <= UNIT_TOL; }
 
 static bool ctx_finite(const kc_ctx_t *c)
 {

@@ -90,13 +90,6 @@ static double pull2(const kc_monitor_t *m, const kc_mon_obs_t *k, const double a
     return s2;
 }
 
-static double dot6(const double a[6], const double b[6])
-{
-    double s = 0.0;
-    for (uint32_t c = 0u; c < 6u; c++) { s += a[c] * b[c]; }
-    return s;
-}
-
 /* Sums over the newest n observations at the set's biases. */
 static void sums(const kc_monitor_t *m, uint32_t n, set_t *f)
 {
@@ -110,11 +103,11 @@ static void sums(const kc_monitor_t *m, uint32_t n, set_t *f)
         double r[6];
         residual(m, k, f, r, &t);
         kc_la_whiten_apply(k->W, r, r);
-        f->rest += dot6(r, r);
+        f->rest += kc_v_dot(r, r, 6u);
         for (uint32_t i = 0u; i < f->n; i++) {
             kc_la_whiten_apply(k->W, t.a[i], t.a[i]);
-            f->grad[i] += dot6(t.a[i], r);
-            for (uint32_t b = 0u; b <= i; b++) { f->info[i][b] += dot6(t.a[i], t.a[b]); }
+            f->grad[i] += kc_v_dot(t.a[i], r, 6u);
+            for (uint32_t b = 0u; b <= i; b++) { f->info[i][b] += kc_v_dot(t.a[i], t.a[b], 6u); }
             double s2 = pull2(m, k, t.a[i]);
             shared[i] += kc_sqrt(s2);
             shared2[i] += s2;

@@ -1,4 +1,5 @@
-/* Three-vectors and 3x3 matrices (row-major), inline. out may not alias an input unless said. */
+/* Three-vectors, 3x3 matrices (row-major), and the product of vectors of n numbers, inline. out may not alias an input
+ * unless said. */
 #ifndef KC_VEC_H
 #define KC_VEC_H
 
@@ -10,6 +11,13 @@
 static inline double kc_v3_dot(const double a[3], const double b[3])
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static inline double kc_v_dot(const double *a, const double *b, uint32_t n)
+{
+    double s = 0.0;
+    for (uint32_t i = 0u; i < n; i++) { s += a[i] * b[i]; }
+    return s;
 }
 
 static inline double kc_v3_norm(const double a[3]) { return kc_sqrt(kc_v3_dot(a, a)); }

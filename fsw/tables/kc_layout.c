@@ -130,7 +130,6 @@ static void walk_terms(kc_walk_t *w, kc_terms_t *t)
         w->index = KC_TERMS_INDEX_TERM + (int32_t)i;
         walk_term(w, &t->term[i], n_coef);
     }
-    w->index = -1;
     kc_walk_u32(w, 18u, &t->kinematics_crc, 0u, U32_MAX); /* of the arm they were made for; 0: any */
 }
 
@@ -268,7 +267,6 @@ static void walk_stops(kc_walk_t *w, kc_space_t *s, uint32_t n_cand)
             kc_walk_rule(w, 36u, kc_space_stop_fits(s, i, k), (double)s->stop[i][k]);
         }
     }
-    w->index = -1;
 }
 
 static void walk_space(kc_walk_t *w, kc_space_t *s)
@@ -314,7 +312,6 @@ static void walk_kernel(kc_walk_t *w, kc_kernel_t *k)
         w->index = (int32_t)i;
         walk_hyper(w, &k->hyper[i]);
     }
-    w->index = -1;
 }
 
 void kc_layout_walk(kc_walk_t *w, uint16_t kind, void *t)

@@ -147,8 +147,11 @@ void test_a_value_below_its_limit_is_refused(void)
 
 void test_a_value_above_its_limit_is_refused(void)
 {
-    int32_t v = 6, u = -6;
+    int32_t v = 6, u = -6, lo = -5, hi = 5;
     s_w.mode = KC_WALK_CHECK;
+    kc_walk_i32(&s_w, 8u, &lo, -5, 5);
+    kc_walk_i32(&s_w, 8u, &hi, -5, 5);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
     kc_walk_i32(&s_w, 8u, &v, -5, 5);
     expect_refused(KC_EVT_TBL_RANGE, 8u, 6.0);
     kc_walk_i32(&s_w, 8u, &u, -5, 5);

@@ -208,6 +208,7 @@ static void given_poses(void)
     }
     (void)least_squares(0u, 1.0, (const double(*)[6])s_before);
     kc_consider_begin(&s_con);
+    for (uint32_t i = N_COEF * KC_CHAIN_COUNT; i < KC_COEF_MAX * KC_CHAIN_COUNT; i++) { s_con.S[i] = NAN; }
     for (uint32_t p = 0u; p < N_POSE; p++) {
         for (uint32_t k = 0u; k < 6u; k++) {
             s_after[p][k] = s_before[p][k];

@@ -308,6 +308,21 @@ void test_every_joint_has_its_limits_and_its_bound(void)
     }
 }
 
+/* The joint that is farthest off is named, the first of those that are as far. */
+void test_of_joints_beyond_their_bound_the_worst_is_named(void)
+{
+    kc_cand_t *c = &s_s.cand[3];
+    s_s.n_body = 0u;
+    for (uint32_t j = 0u; j < 7u; j++) {
+        c->q_seed[j] = 0.5f;
+        s_bound[j] = 0.125;
+        s_from[j] = s_to[j] = 0.75;
+    }
+    expect(KC_GUARD_PATH, 1, 0.125 - s_ask.tol, 0.125);
+    s_to[4] = 0.875;
+    expect(KC_GUARD_PATH, 5, 0.25 - s_ask.tol, 0.125);
+}
+
 /* From a stop on a segment to its end exactly: each joint by itself. */
 void test_every_joint_has_to_be_at_the_end_of_the_segment(void)
 {
@@ -776,25 +791,34 @@ static double sampled_to_box(const kc_body_t *b, const kc_volume_t *v)
     return least - (double)b->radius_m;
 }
 
-void test_the_nearest_of_many_boxes_is_found(void)
+void test_the_nearest_of_many_boxes_or_capsules_is_found(void)
 {
     uint64_t rng = 8u;
-    for (uint32_t n = 0u; n < 60u; n++) {
+    for (uint32_t n = 0u; n < 120u; n++) {
+        const bool boxes = n < 60u;
         double want = HUGE_VAL;
         s_s.n_body = s_s.n_volume = 4u;
         for (uint32_t i = 0u; i < 4u; i++) {
             kc_volume_t *v = &s_s.volume[i];
             s_s.body[i] = drawn_rod(&rng);
-            *v = (kc_volume_t){.kind = KC_VOL_BOX};
+            *v = (kc_volume_t){.kind = boxes ? KC_VOL_BOX : KC_VOL_CAPSULE};
+            if (!boxes) { v->radius_m = 0.05f * (float)(i + 1u); }
             for (uint32_t k = 0u; k < 3u; k++) {
                 v->p_m[k] = (float)(2.0 * drawn(&rng));
-                v->size_m[k] = (float)(0.01 + 0.3 * fabs(drawn(&rng)));
+                v->size_m[k] = boxes ? (float)(0.01 + 0.3 * fabs(drawn(&rng)))
+                                     : v->p_m[k] + (float)(1.2 * drawn(&rng)); /* the other end */
             }
         }
         for (uint32_t i = 0u; i < 16u; i++) {
-            want = fmin(want, sampled_to_box(&s_s.body[i / 4u], &s_s.volume[i % 4u]));
+            const kc_body_t *body = &s_s.body[i / 4u];
+            const kc_volume_t *v = &s_s.volume[i % 4u];
+            kc_body_t rod = {.radius_m = v->radius_m};
+            memcpy(rod.start_m, v->p_m, sizeof rod.start_m);
+            memcpy(rod.end_m, v->size_m, sizeof rod.end_m);
+            want = fmin(want, boxes ? sampled_to_box(body, v) : sampled_between(body, &rod));
         }
-        TEST_ASSERT_DOUBLE_WITHIN(2e-3, want, kc_guard_clearance(&s_g, &s_body, &s_volume));
+        TEST_ASSERT_DOUBLE_WITHIN(boxes ? 2e-3 : SAMPLE_TOL, want,
+                                  kc_guard_clearance(&s_g, &s_body, &s_volume));
     }
 }
 
@@ -957,18 +981,26 @@ static uint32_t postures_above_ground(double free_m)
 /* As far as the free distance lets the farthest point of the arm travel, but not less than the least step. */
 void test_steps_of_a_check_are_as_long_as_the_free_distance_allows(void)
 {
-    const double by = 0.3;
-    double reach = KC_GUARD_ABOUT_M;
-    for (uint32_t j = 0u; j < 7u; j++) { reach += fabs(s_arm.joint[j].a_m) + fabs(s_arm.joint[j].d_m); }
-    const double *tool = s_arm.tool_xyz_m;
-    reach += sqrt(tool[0] * tool[0] + tool[1] * tool[1] + tool[2] * tool[2]);
-    s_to[0] += by;
-    for (uint32_t steps = 1u; steps < 6u; steps++) {
-        TEST_ASSERT_EQUAL_UINT32(1u + steps, postures_above_ground(1.01 * by * reach / steps));
-        TEST_ASSERT_EQUAL_UINT32(2u + steps, postures_above_ground(0.99 * by * reach / steps));
+    for (uint32_t k = 0u; k < 4u;
+         k++) { /* joint 1 turns one way or the other; joint 7 may slide, but stays */
+        const double by = k % 2u == 0u ? 0.3 : -0.3;
+        double reach = KC_GUARD_ABOUT_M;
+        setUp();
+        if (k >= 2u) {
+            s_arm.joint[6].type = KC_PRISMATIC;
+            reach += s_arm.joint[6].q_max - s_arm.joint[6].q_min;
+        }
+        for (uint32_t j = 0u; j < 7u; j++) { reach += fabs(s_arm.joint[j].a_m) + fabs(s_arm.joint[j].d_m); }
+        const double *tool = s_arm.tool_xyz_m;
+        reach += sqrt(tool[0] * tool[0] + tool[1] * tool[1] + tool[2] * tool[2]);
+        s_to[0] += by;
+        for (uint32_t steps = 1u; steps < 6u; steps++) {
+            TEST_ASSERT_EQUAL_UINT32(1u + steps, postures_above_ground(1.01 * fabs(by) * reach / steps));
+            TEST_ASSERT_EQUAL_UINT32(2u + steps, postures_above_ground(0.99 * fabs(by) * reach / steps));
+        }
+        uint32_t most = (uint32_t)ceil(fabs(by) / KC_GUARD_STEP);
+        TEST_ASSERT_UINT32_WITHIN(1u, 1u + most, postures_above_ground(1e-4));
     }
-    uint32_t most = (uint32_t)ceil(by / KC_GUARD_STEP);
-    TEST_ASSERT_UINT32_WITHIN(1u, 1u + most, postures_above_ground(1e-4));
 }
 
 /* At the target, of volumes and of the arm itself, whichever is nearer. */

@@ -118,6 +118,9 @@ void test_an_arm_beside_a_node_goes_to_its_seed_first(void)
     s_arm->q[0] = OFF;
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, begin().id);
     expect_sent_to(0u);
+    s_arm->q[0] = s_config->arrive_tol;
+    TEST_ASSERT_EQUAL_INT(KC_OC_DONE, begin().id);
+    expect_sent_to(1u);
 }
 
 void test_a_replicate_is_approached_over_its_hub(void)
@@ -320,6 +323,29 @@ void test_why_the_guard_refuses_is_an_event(void)
         TEST_ASSERT_EQUAL_INT(KC_OC_SKIP, oc.id);
         TEST_ASSERT_EQUAL_UINT16(why[i], parts.out.events.e[0].id);
         TEST_ASSERT_FALSE(parts.out.has_arm_cmd);
+    }
+}
+
+/* A ball about the tool at candidate 0, which the arm passes if it stands as much lower as it carries. */
+void test_the_guard_knows_what_the_arm_carries(void)
+{
+    kc_terms_t *t = &parts.tables.active.terms;
+    kc_volume_t *v = &s_space->volume[s_space->n_volume++];
+    double q[KC_JOINT_MAX];
+    *v = (kc_volume_t){KC_VOL_SPHERE, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.02f, 0u};
+    memcpy(v->p_m, s_space->cand[0].p_m, sizeof v->p_m);
+    kc_path_joints(s_space, KC_HUB_MAX, q);
+    t->term[t->n_term++] = (kc_term_t){.coef = 0u, .frame = 0u, .comp = KC_TZ, .gain = 1.0};
+    t->term[t->n_term - 1u].basis[0] = (kc_basis_t){.fn = KC_FN_LIN, .var = KC_VAR_PAYLOAD, .c1 = 1.0};
+    t->term[t->n_term - 1u].basis[1] = (kc_basis_t){.var = KC_VAR_ONE, .c1 = 1.0};
+    t->term[0].gain = 0.0;
+    parts.latest.coef[0] = 0.05;
+    for (uint32_t carries = 0u; carries < 2u; carries++) {
+        kc_work_t work = kc_work_unlimited();
+        s_arm->payload_kg = 6.0 * (double)carries;
+        parts.out.events.n = 0u;
+        kc_outcome_t oc = kc_move_send(&s_move, &parts.view, &work, &parts.out, 0u, KC_HUB_MAX, q);
+        TEST_ASSERT_EQUAL_INT(carries == 0u ? KC_OC_SKIP : KC_OC_STAY, oc.id);
     }
 }
 

@@ -85,8 +85,10 @@ void test_what_comes_of_a_frame_at_a_candidate_in_a_search_and_at_a_stop(void)
         TEST_ASSERT_TRUE(oc.id != KC_OC_ABORT || oc.cause == KC_CAUSE_CAMERA);
         kc_observe_begin(&s_observe);
         kc_observe_at_stop(&s_observe, true);
+        s_request.fails = 7u;
         TEST_ASSERT_EQUAL_INT(cases[i].at_stop, with(cases[i].frame));
         TEST_ASSERT_EQUAL_INT(cases[i].frame == KC_FRAME_DETECTED ? KC_AT_STOP : 0, s_observe.taken_at);
+        if (cases[i].frame == KC_FRAME_DETECTED) { TEST_ASSERT_EQUAL_UINT32(0u, s_request.fails); }
         kc_observe_at_stop(&s_observe, false);
         TEST_ASSERT_EQUAL_INT(cases[i].here, with(cases[i].frame));
     }
@@ -200,11 +202,17 @@ void test_it_observes_before_the_candidate_where_that_tells_something_new_and_th
         double pos_m, rot_rad, last_rad;
         kc_outcome_id_t outcome;
     } cases[] = {
-        {1u, 0u, 0u, 10.0, 0.1, 0.0, KC_OC_MEASURE}, {0u, 0u, 0u, 10.0, 0.1, 0.0, KC_OC_SERVO},
-        {1u, 0u, 0u, 10.0, 0.5, 0.0, KC_OC_SERVO},   {2u, 1u, 0u, 10.0, 0.1, 0.11, KC_OC_MEASURE},
-        {2u, 1u, 0u, 10.0, 0.1, 0.09, KC_OC_SERVO},  {1u, 1u, 0u, 10.0, 0.1, 0.3, KC_OC_SERVO},
-        {2u, 0u, 56u, 10.0, 0.1, 0.0, KC_OC_SERVO},  {2u, 0u, 55u, 10.0, 0.1, 0.0, KC_OC_MEASURE},
+        {1u, 0u, 0u, 10.0, 0.1, 0.0, KC_OC_MEASURE},
+        {0u, 0u, 0u, 10.0, 0.1, 0.0, KC_OC_SERVO},
+        {1u, 0u, 0u, 10.0, 0.5, 0.0, KC_OC_SERVO},
+        {2u, 1u, 0u, 10.0, 0.1, 0.11, KC_OC_MEASURE},
+        {2u, 1u, 0u, 10.0, 0.1, 0.09, KC_OC_SERVO},
+        {1u, 1u, 0u, 10.0, 0.1, 0.3, KC_OC_SERVO},
+        {2u, 0u, 56u, 10.0, 0.1, 0.0, KC_OC_SERVO},
+        {2u, 0u, 55u, 10.0, 0.1, 0.0, KC_OC_MEASURE},
         {1u, 0u, 0u, 0.0, 3.0, 0.0, KC_OC_MEASURE}, /* far in one of both is enough */
+        {2u, 1u, 0u, 0.0, 3.0, 0.0, KC_OC_MEASURE},
+        {2u, 1u, 0u, 10.0, 0.0, 0.0, KC_OC_MEASURE}, /* as far as asked */
     };
     for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) {
         given_extra(cases[i].most);
@@ -280,7 +288,7 @@ static void given_search(void)
     setUp();
     s_camera->pan_min_rad = s_camera->tilt_min_rad = -3.0;
     s_camera->pan_max_rad = s_camera->tilt_max_rad = 3.0;
-    s_pantilt = (kc_pantilt_t){.pan_rad = 0.3, .tilt_rad = -0.2};
+    s_pantilt = (kc_pantilt_t){.pan_rad = 0.25, .tilt_rad = -0.25};
     kc_observe_aimed(&s_observe, &s_pantilt);
 }
 
@@ -293,8 +301,8 @@ void test_the_search_goes_along_the_spiral_and_ends(void)
         kc_reach_spiral(i, &x, &y);
         TEST_ASSERT_EQUAL_INT(KC_OC_STAY, turned());
         TEST_ASSERT_TRUE(parts.out.has_pantilt_cmd);
-        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.3 + 0.25 * x, parts.out.pantilt_cmd.pan_rad);
-        TEST_ASSERT_DOUBLE_WITHIN(1e-12, -0.2 + 0.25 * y, parts.out.pantilt_cmd.tilt_rad);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.25 + 0.25 * x, parts.out.pantilt_cmd.pan_rad);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, -0.25 + 0.25 * y, parts.out.pantilt_cmd.tilt_rad);
     }
     TEST_ASSERT_EQUAL_INT(KC_OC_SKIP, turned());
     expect_event(KC_EVT_CAL_TAGS_LOST, (int32_t)CAND, (double)s_config->search_steps, 0.0);
@@ -303,14 +311,14 @@ void test_the_search_goes_along_the_spiral_and_ends(void)
 void test_search_positions_beyond_a_limit_are_left_out(void)
 {
     for (uint32_t which = 0u; which < 8u; which++) {
-        const double by = which < 4u ? 0.01 : 0.2501; /* beyond the middle, or beyond its neighbours */
+        const double by = which < 4u ? 0.01 : 0.25; /* beyond the middle, or at its neighbours */
         uint32_t n = 0u;
         given_search();
         switch (which % 4u) {
-        case 0u: s_camera->pan_min_rad = 0.3 - by; break;
-        case 1u: s_camera->pan_max_rad = 0.3 + by; break;
-        case 2u: s_camera->tilt_min_rad = -0.2 - by; break;
-        default: s_camera->tilt_max_rad = -0.2 + by; break;
+        case 0u: s_camera->pan_min_rad = 0.25 - by; break;
+        case 1u: s_camera->pan_max_rad = 0.25 + by; break;
+        case 2u: s_camera->tilt_min_rad = -0.25 - by; break;
+        default: s_camera->tilt_max_rad = -0.25 + by; break;
         }
         for (; turned() == KC_OC_STAY; n++) {
             const kc_pantilt_cmd_t *c = &parts.out.pantilt_cmd;

@@ -2,10 +2,13 @@
 #include <math.h>
 #include <string.h>
 
+#include "given_dense.h"
 #include "given_observations.h"
 #include "given_tables.h"
 #include "kc_chi2.h"
-#include "kc_estimate.h"
+#include "kc_est_priv.h"
+#include "kc_la.h"
+#include "kc_rot.h"
 #include "unity.h"
 
 static kc_arm_t s_arm;
@@ -204,14 +207,14 @@ void test_a_residual_is_what_the_other_poses_do_not_know_of_the_camera_chain(voi
 {
     static const uint32_t cases[][2] = {{0u, 1u}, {0u, 2u}, {3u, 4u}, {3u, 5u}}; /* first, another axis */
     for (uint32_t c = 0u; c < 4u; c++) {
-        const uint32_t first = cases[c][0], other = cases[c][1];
+        const uint32_t first = cases[c][0], other = cases[c][1], third = 2u * first + 3u - other;
         double *sigma = first == 0u ? &s_camera.mast_sigma_m : &s_camera.mast_sigma_rad;
         given_poses_of_an_exact_camera(first);
         s_terms.n_coef = s_terms.n_term = 2u; /* and one along the third axis, which fits */
         s_terms.coef[1] = s_terms.coef[0];
         s_terms.term[1] = s_terms.term[0];
         s_terms.term[1].coef = 1u;
-        s_terms.term[1].comp = (uint8_t)(2u * first + 3u - other);
+        s_terms.term[1].comp = (uint8_t)third;
         seen_off(3u, other, 0.005);
         assert_worst(5.0, 1.0); /* it is no coefficient's: nothing of it is fitted */
         *sigma = 0.0005;
@@ -226,6 +229,12 @@ void test_a_residual_is_what_the_other_poses_do_not_know_of_the_camera_chain(voi
             seen_off(i, first, 0.002);
         }
         assert_worst(0.0, 1.0);
+        for (uint32_t i = 0u; i < 5u; i++) { seen_off(i, first, -0.002); }
+        for (uint32_t axis = first; axis < first + 3u; axis++) { /* the four others know those two to 1/4 */
+            seen_off(3u, axis, 0.005);
+            assert_worst(5.0, 1.0 + (axis == other ? 1.0 / (4.0 + 4.0) : 1.0 / 4.0));
+            seen_off(3u, axis, -0.005);
+        }
     }
 }
 
@@ -252,8 +261,113 @@ void test_positions_alone_know_of_the_camera_chain_too(void)
     given_poses_of_an_exact_camera(0u);
     for (uint32_t i = 0u; i < 5u; i++) { s_est.obs[i].has_rot = 0u; }
     s_camera.mast_sigma_m = 0.0005;
-    s_est.obs[3].p_m[1] += 0.005;
-    assert_worst(5.0, 1.0 + 1.0 / (4.0 + 4.0));
+    for (uint32_t axis = 1u; axis < 3u; axis++) {
+        seen_off(3u, axis, 0.005);
+        assert_worst(5.0, 1.0 + 1.0 / (4.0 + 4.0));
+        seen_off(3u, axis, -0.005);
+    }
+}
+
+/* ---- the same by dense algebra: coefficients and errors of the chain fitted together, without the pose that is tested ---- */
+
+#define N_POSES 9u
+#define N_FITTED 6u
+#define N_BOTH (N_FITTED + KC_CHAIN_COUNT)
+
+static double s_row[N_POSES][N_BOTH + 1u][6]; /* whitened, of one pose: columns, then the residual */
+
+/* Poses of which two have no rotation, some seconds apart; each error of the chain is about as large as the noise. */
+static void given_a_chain_that_matters(uint32_t wrong)
+{
+    given_arm(&s_arm);
+    given_terms(&s_terms);
+    memset(s_truth, 0, sizeof s_truth);
+    given_camera(&s_camera);
+    s_camera.mast_sigma_m = s_camera.plate_sigma_m = 1e-3;
+    s_camera.mast_sigma_rad = s_camera.zero_sigma_rad = 1.5e-3;
+    s_camera.plate_sigma_rad = s_camera.axis_sigma_rad = 4e-3;
+    s_camera.tag_size_sigma = 2e-3;
+    s_camera.drift_sigma_m_s = s_camera.drift_sigma_rad_s = 2e-4;
+    given_session(&s_est, &s_arm, &s_terms, s_truth, N_POSES, 1.0);
+    for (uint32_t i = 0u; i < N_POSES; i++) {
+        s_est.obs[i].ctx.t_s = 500.0 + (double)i;
+        s_est.obs[i].ctx.pan_rad = 0.1 * (double)i;
+        s_est.obs[i].ctx.tilt_rad = 0.3 - 0.05 * (double)i;
+        s_est.obs[i].has_rot = i % 5u == 1u ? 0 : 1;
+    }
+    seen_off(wrong, wrong % 3u, 0.006);
+    s_est.camera = &s_camera;
+    s_est.opt.outlier_p = 1e-300;
+    s_est.opt.tol_step = 1e-12;
+    s_est.opt.free_mask = 0u;
+    for (uint32_t c = 0u; c < N_FITTED; c++) { s_est.opt.free_mask |= (uint64_t)1u << (4u * c + c % 4u); }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(N_FITTED, s_est.n_column);
+    kc_est_pass_begin(&s_est, KC_EST_PASS_OUTLIER, s_est.coef);
+    for (uint32_t i = 0u; i < N_POSES; i++) {
+        const kc_obs_t *o = &s_est.obs[i];
+        double raw[6], H[KC_CHAIN_COUNT][6], W[36];
+        const uint32_t m = kc_est_block(&s_est, i, raw);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_whiten(o->cov, m, W));
+        kc_est_chain_motion(&s_est, &s_camera, i, H);
+        memset(s_row[i], 0, sizeof s_row[i]);
+        memcpy(s_row[i], s_est.blk, sizeof s_row[i][0] * N_FITTED);
+        memcpy(s_row[i][N_BOTH], &s_est.blk[6u * N_FITTED], sizeof s_row[i][0]);
+        for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
+            for (uint32_t a = 0u; a < m; a++) {
+                for (uint32_t b = 0u; b <= a; b++) { s_row[i][N_FITTED + k][a] += W[6u * a + b] * H[k][b]; }
+            }
+        }
+    }
+}
+
+/* Least squares of all poses but one (N_POSES: of all); what remains of chi-square. */
+static double fit_without(uint32_t without, double *inverse, double *x)
+{
+    double A[N_BOTH * N_BOTH] = {0.0}, g[N_BOTH] = {0.0}, chi2 = 0.0;
+    for (uint32_t k = N_FITTED; k < N_BOTH; k++) { A[k * (N_BOTH + 1u)] = 1.0; }
+    for (uint32_t i = 0u; i < N_POSES; i++) {
+        if (i == without) { continue; }
+        const double(*row)[6] = (const double(*)[6])s_row[i];
+        for (uint32_t k = 0u; k < N_BOTH; k++) {
+            g[k] += dense_dot(row[k], row[N_BOTH], 6u);
+            for (uint32_t l = 0u; l < N_BOTH; l++) { A[k * N_BOTH + l] += dense_dot(row[k], row[l], 6u); }
+        }
+        chi2 += dense_dot(row[N_BOTH], row[N_BOTH], 6u);
+    }
+    dense_invert(N_BOTH, N_BOTH, A, inverse);
+    for (uint32_t k = 0u; k < N_BOTH; k++) { x[k] = dense_dot(&inverse[k * N_BOTH], g, N_BOTH); }
+    return chi2 - dense_dot(g, x, N_BOTH);
+}
+
+void test_deleted_residuals_are_those_of_a_fit_of_coefficients_and_chain_without_the_pose(void)
+{
+    static double inverse[N_BOTH * N_BOTH], x[N_BOTH], unused[N_BOTH * N_BOTH];
+    for (uint32_t i = 0u; i < N_POSES; i++) {
+        given_a_chain_that_matters(i);
+        const uint32_t rows = s_est.obs[i].has_rot != 0u ? 6u : 3u;
+        const double rest = fit_without(i, inverse, x);
+        double S[36], off[6], y[6];
+        for (uint32_t a = 0u; a < 6u; a++) {
+            off[a] = s_row[i][N_BOTH][a];
+            for (uint32_t k = 0u; k < N_BOTH; k++) { off[a] -= s_row[i][k][a] * x[k]; }
+            for (uint32_t b = 0u; b < 6u; b++) {
+                S[6u * a + b] = a == b ? 1.0 : 0.0;
+                for (uint32_t k = 0u; k < N_BOTH; k++) {
+                    for (uint32_t l = 0u; l < N_BOTH; l++) {
+                        S[6u * a + b] += s_row[i][k][a] * inverse[k * N_BOTH + l] * s_row[i][l][b];
+                    }
+                }
+            }
+        }
+        dense_solve6(S, off, y);
+        const double d2 = dense_dot(off, y, 6u), all = fit_without(N_POSES, unused, x);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5 * all, all, rest + d2);
+        const double others = rest / (double)(s_est.job.sums.rows - N_FITTED - rows);
+        const double p = kc_chi2_sf(d2 / fmax(1.0, others), rows);
+        TEST_ASSERT_EQUAL_UINT32(i, s_est.job.worst);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-4 * p, p, s_est.job.p_worst);
+    }
 }
 
 /* Of a chain that is stated too large for the digits nothing is taken to be known. */

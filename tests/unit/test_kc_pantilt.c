@@ -133,4 +133,10 @@ void test_a_tool_near_the_middle_of_the_image_needs_no_turn(void)
         kc_pantilt_aim(&s_unit, &parts.view, &parts.out, parts.telemetry.arm.q, none);
         TEST_ASSERT_EQUAL_UINT8(i % 7u < 3u ? 0u : 1u, parts.out.has_pantilt_cmd);
     }
+    c->width_px = 0u; /* just at the end of a view that has none */
+    memset(&parts.out, 0, sizeof parts.out);
+    s_unit.pan_rad = pan;
+    s_unit.tilt_rad = tilt;
+    kc_pantilt_aim(&s_unit, &parts.view, &parts.out, parts.telemetry.arm.q, none);
+    TEST_ASSERT_EQUAL_UINT8(0u, parts.out.has_pantilt_cmd);
 }

@@ -977,6 +977,16 @@ void test_a_new_correction_keeps_the_one_before(void)
     expect_event(KC_EVT_TBL_ACTIVATED, KC_TBL_KIN, (double)image_crc(), 0.0);
 }
 
+void test_where_no_correction_was_the_one_for_rollback_stays(void)
+{
+    given_all_active();
+    s_t.active.crc[KC_TBL_KIN] = 0u;
+    s_t.active.kin_prev_crc = 0x77u;
+    given_correction(0.01);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_set_kin(&s_t, &s_table.kin, &s_ev));
+    TEST_ASSERT_EQUAL_HEX32(0x77u, s_t.active.kin_prev_crc);
+}
+
 void test_a_correction_that_does_not_fit_is_not_set(void)
 {
     given_all_active();
@@ -1058,6 +1068,10 @@ void test_a_space_verified_for_less_than_the_active_terms_is_refused(void)
     expect_refused(KC_TBL_SPACE, KC_EVT_TBL_SPACE_NARROW, 11, 0.3, 0.27);
     given_table(KC_TBL_SPACE);
     s_table.space.verified[2].d_m = 0.28;
+    bring_in(KC_TBL_SPACE);
+    s_t.active.crc[KC_TBL_TERMS] = 0u; /* what stands there without a CRC is no table */
+    given_table(KC_TBL_SPACE);
+    s_table.space.verified[2].d_m = 0.27;
     bring_in(KC_TBL_SPACE);
 }
 
