@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 from kincal import workbench as wb
 from kincal.api.models import change_by_adding
 from kincal.rotations import Pose
-from kincal.workbench.consistency.recorded import _too_alike
+from kincal.workbench.consistency.recorded import _duplicates, _too_alike
 from kincal.workbench.data.copies import without_copies
 from kincal.workbench.data.measurements import Measurements, replicate_groups
+from kincal.workbench.data.readers.joining import joined
 from kincal.workbench.data.split import choose_split
 from kincal.workbench.evidence.adequacy import noise_floor
 from kincal.workbench.fit.frames import solve_frames
@@ -356,6 +357,95 @@ def test_rows_that_are_others_with_fewer_digits_are_copies(again, decimals, nois
     assert kept.rounded == (copies if decimals < 9 else 0)
     if kept.rounded:
         assert set(kept.ids) == set(map(str, range(40)))  # those with all digits stay
+
+
+def significant(x, digits):
+    step = 10.0 ** (np.floor(np.log10(np.abs(x))) + 1 - digits)
+    return np.round(x / step) * step
+
+
+def cut(x, decimals):
+    return np.trunc(x * 10.0**decimals) / 10.0**decimals
+
+
+@pytest.mark.parametrize(
+    ("again", "joints", "positions"),
+    [
+        (8, lambda q: np.deg2rad(np.rad2deg(q).round(4)), lambda p: (p * 1e3).round(3) / 1e3),  # deg, mm
+        (8, lambda q: np.deg2rad(np.rad2deg(q)), lambda p: p * 1e3 / 1e3),  # with all digits
+        (40, lambda q: np.deg2rad(np.rad2deg(q).round(2)), lambda p: (p * 1e3).round(1) / 1e3),
+        (40, lambda q: significant(q, 5), lambda p: significant(p, 5)),
+        (8, lambda q: significant(q, 7), lambda p: significant(p, 6)),
+        (8, lambda q: cut(q, 6), lambda p: cut(p, 6)),
+        (40, lambda q: cut(q, 4), lambda p: cut(p, 4)),
+        (8, lambda q: np.floor(q * 1e6) / 1e6, lambda p: np.floor(p * 1e6) / 1e6),
+        (8, lambda q: np.deg2rad(cut(np.rad2deg(q), 3)), lambda p: cut(p, 5)),
+        (8, lambda q: q, lambda p: p.round(5)),  # one of both parts alone
+    ],
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_written_in_other_units_or_cut_off_are_copies(again, joints, positions, seed):
+    """They counted as replicates, and their noise as that of the arm. What was measured anew stays."""
+    rng = np.random.default_rng(seed)
+    q, p = rng.uniform(-2.0, 2.0, (40, 6)), rng.uniform(-1.0, 1.0, (40, 3))
+    for noise, copies in ((0.0, again), (5e-5, 0)):
+        more = p[:again] + noise * rng.normal(size=(again, 3))
+        data = Measurements(
+            "made up",
+            tuple(map(str, range(40 + again))),
+            np.concatenate([q, joints(q[:again])]),
+            np.concatenate([p, positions(more)]),
+            order_is_time=True,
+        )
+        kept = without_copies(data)
+        assert (kept.n, kept.duplicates) == (40 + again - copies, copies)
+        assert set(kept.ids[:40]) == set(map(str, range(40)))
+
+
+def test_files_that_are_both_rounded_are_copies_of_each_other():
+    rng = np.random.default_rng(4)
+    q, p = rng.uniform(-2.0, 2.0, (30, 6)), rng.uniform(-1.0, 1.0, (30, 3))
+    data = Measurements(
+        "made up",
+        tuple(map(str, range(60))),
+        np.concatenate([q.round(5), np.deg2rad(np.rad2deg(q).round(2))]),
+        np.concatenate([p.round(5), p.round(4)]),
+    )
+    assert without_copies(data).ids == tuple(map(str, range(30)))
+
+
+@pytest.mark.parametrize("numbers", ["from zero", "from one"])
+def test_replicates_that_the_file_states_are_no_copies(tmp_path, numbers):
+    """A device of tenths of a millimetre repeats itself; the file was refused as doubled."""
+    x = np.random.default_rng(3).uniform(-1.0, 1.0, (20, 5)).round(4)
+    first = int(numbers == "from one")
+    rows = [(*row, k + first) for k, row in enumerate(x) for _ in range(3)]
+    lines = [",".join(map(repr, map(float, row[:5]))) + f",{row[5]}" for row in rows]
+    path = csv_file(tmp_path, "\n".join([HEADER + ",replicate", *lines]) + "\n")
+    data = wb.read_csv(path, 2)
+    assert (data.n, data.duplicates) == (60, 0)
+    assert len(set(data.repeats)) == 20
+    assert list(of_data_codes(data)) == []
+    unstated = csv_file(tmp_path, "\n".join([HEADER, *(line.rsplit(",", 1)[0] for line in lines)]) + "\n")
+    assert wb.read_csv(unstated, 2).duplicates == 40
+
+
+def of_data_codes(data):
+    return [f.code for f in (*_duplicates(data), *_too_alike(data))]
+
+
+def test_stated_replicates_of_a_file_given_twice_are_copies(tmp_path):
+    """In another order, so that the files differ: equal rows of different groups."""
+    x = np.random.default_rng(3).uniform(-1.0, 1.0, (20, 5)).round(4)
+    rows = [[*row, k] for k, row in enumerate(x) for _ in range(2)]
+    paths = []
+    for name, order in (("a", range(40)), ("b", reversed(range(40)))):
+        path = tmp_path / f"{name}.csv"
+        lines = [",".join(map(repr, map(float, rows[i][:5]))) + f",{rows[i][5]}" for i in order]
+        path.write_text("\n".join([HEADER + ",replicate", *lines]) + "\n")
+        paths.append(path)
+    data = joined([wb.read_csv(path, 2) for path in paths])
+    assert (data.n, data.duplicates) == (40, 40)
 
 
 def test_replicates_of_less_than_a_micrometre_are_doubted():

@@ -9,6 +9,7 @@ import numpy as np
 
 from kincal_shared.schema.arm import ArmTable
 
+from ..data.copies import few_digits
 from ..data.measurements import Measurements
 from .findings import Finding
 
@@ -59,8 +60,8 @@ def _duplicates(data: Measurements) -> Iterator[Finding]:
 
 
 def _too_alike(data: Measurements) -> Iterator[Finding]:
-    """Replicates that agree better than any device measures arms."""
-    if data.repeats is None:
+    """Replicates that agree better than any device measures arms; stated ones of few digits may be equal."""
+    if data.repeats is None or (data.replicate_stated and few_digits(data)):
         return
     _, number, count = np.unique(data.repeats, return_inverse=True, return_counts=True)
     mean = np.column_stack([np.bincount(number, x) for x in data.p_m.T]) / count[:, None]

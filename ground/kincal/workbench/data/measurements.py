@@ -27,17 +27,16 @@ DirectionSource = Literal["measured", "inferred", "none"]
 class Measurements:
     """Arrays of N poses of an arm with n joints; optional ones are None when the file lacks them.
 
-    source: where they come from; ids: one name a pose; q: (N, n) encoder readings [rad or m];
-    p_m: (N, 3) measured tool position, base frame; quat_wxyz: (N, 4) its orientation;
-    cov: (N, 6, 6) stated covariance of (position, rotation vector), base frame [m, rad] (None if nothing
-    was stated); direction: (N, n) approach signs; qdot: (N, n) [rad/s or m/s]; g_m_s2: (N, 3) gravity,
-    base frame; cam_p_m, cam_quat_wxyz: (N, 3), (N, 4) camera pose in the base frame; tag: (N,) which tag was
-    seen (0 first, 1 second, 0.5 both); split: (N,) "fit" or "held"; replicate: (N,) number of the group of
-    poses that were measured again (same commanded pose); the others are (N,) in the unit of their name.
+    source: where they come from; ids: one name a pose; q: (N, n) encoder readings [rad or m]; p_m: (N, 3)
+    measured tool position, base frame; quat_wxyz: (N, 4) its orientation; cov: (N, 6, 6) stated covariance of
+    (position, rotation vector), base frame [m, rad] (None if nothing was stated); direction: (N, n) approach
+    signs; qdot: (N, n) [rad/s or m/s]; g_m_s2: (N, 3) gravity, base frame; cam_p_m, cam_quat_wxyz: (N, 3),
+    (N, 4) camera pose in the base frame; tag: (N,) which tag was seen (0 first, 1 second, 0.5 both); split:
+    (N,) "fit" or "held"; replicate: (N,) number of the group of poses that were measured again (same
+    commanded pose), replicate_stated: the file says so; the others are (N,) in the unit of their name.
     direction_source: "measured" (in the file), "inferred" from the order of measurement, or "none".
-    order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
-    duplicates: number of rows that were left out as copies of another row, rounded: of those, such with fewer
-    digits;
+    order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why; duplicates:
+    number of rows that were left out as copies of another row, rounded: of those, such with fewer digits;
     unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
     orientation: how the file writes the orientations, as --rotation says it ("xyzw", "euler-ZYX"), empty if
     it is not known; euler_rad: (N, 3) its Euler angles in the order of the columns, None if it has none;
@@ -67,6 +66,7 @@ class Measurements:
     tilt_rad: Array | None = None
     split: NDArray[np.str_] | None = None
     replicate: Groups | None = None
+    replicate_stated: bool = False
     order_is_time: bool = False
     direction_source: DirectionSource = "measured"
     skipped: tuple[str, ...] = ()

@@ -62,6 +62,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         cam_quat_wxyz=None if cam is None else cam[:, 3:],
         split=np.array(columns.texts["split"])[good] if "split" in columns.texts else None,
         replicate=replicate.astype(int) if replicate is not None else replicate_groups(q, payload),
+        replicate_stated=replicate is not None,
         skipped=tuple(problems),
         duplicates=0,  # counted when all files are joined
         rounded=0,

@@ -16,8 +16,8 @@ from ..measurements import Measurements, replicate_groups
 
 # Made anew for the whole set, or of no rows.
 _MADE_ANEW = {
-    "source", "ids", "t_s", "order_is_time", "replicate", "skipped", "duplicates", "rounded",
-    "unknown_columns", "notes", "direction_source", "whole", "orientation", "euler_rad",
+    "source", "ids", "t_s", "order_is_time", "replicate", "replicate_stated", "skipped", "duplicates",
+    "rounded", "unknown_columns", "notes", "direction_source", "whole", "orientation", "euler_rad",
 }  # fmt: skip
 
 
@@ -60,6 +60,7 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         order_is_time=not timed,
         direction_source="inferred" if any(d.direction_source == "inferred" for d in sets) else "measured",
         replicate=_groups(sets, changes["q"], changes["payload_kg"]),
+        replicate_stated=any(d.replicate_stated for d in sets),
         skipped=tuple(f"{data.source}: {text}" for data in sets for text in data.skipped),
         unknown_columns=tuple(dict.fromkeys(name for data in sets for name in data.unknown_columns)),
         duplicates=sum(data.duplicates for data in sets),
@@ -106,7 +107,7 @@ def _groups(sets: Sequence[Measurements], q: Array, payload_kg: Array | None) ->
     """Groups of repeated poses: by the readings of all files, unless a file states its own."""
     found = [replicate_groups(d.q, d.payload_kg) for d in sets]
     groups = [by if d.replicate is None else d.replicate for by, d in zip(found, sets, strict=True)]
-    if all(np.array_equal(own, by) for own, by in zip(groups, found, strict=True)):
+    if not any(d.replicate_stated for d in sets):
         return replicate_groups(q, payload_kg)
     offset, parts = 0, []
     for own in groups:
