@@ -135,6 +135,10 @@ void test_a_budget_that_is_used_up_ends_it_but_no_estimate(void)
         TEST_ASSERT_EQUAL_INT(KC_OC_ABORT, oc.id);
         TEST_ASSERT_EQUAL_INT(KC_CAUSE_BUDGET, oc.cause);
     }
+    given_session();
+    s_config->budget_us = 0u;
+    s_config->energy_budget_j = 0.5; /* any budget is one */
+    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, after_s(4.0, KC_ST_MOVE).id);
 }
 
 /* ---- SELECT ---- */
