@@ -5,11 +5,11 @@
 FILE is a source of flight (default: the files that guard the arm, the tables and the store), ROOM a folder of
 them (fsw/design). Of each, `number` mutants are drawn with a fixed seed: another comparison or arithmetic or
 logical operator, a condition negated, a constant changed, a statement deleted, min for max. One that does not
-compile, or compiles to the same code, is drawn anew. Charges of instructions (`uint64_t ..._cost`) are not
-drawn: whether they bound what is executed, `make wcet` measures. Each mutant is compiled alone and put before
-the core in programs of the unit tests that need the file: the tests of the file first, then those of its
-room, then the others, what has killed and the quickest first; those of other rooms up to `patience` seconds
-(0: none). A test that fails or does not end kills it.
+compile (nor does a function without its return), or compiles to the same code, is drawn anew. Charges of
+instructions (`uint64_t ..._cost`) are not drawn: whether they bound what is executed, `make wcet` measures.
+Each mutant is compiled alone and put before the core in programs of the unit tests that need the file: the
+tests of the file first, then those of its room, then the others, what has killed and the quickest first;
+those of other rooms up to `patience` seconds (0: none). A test that fails or does not end kills it.
 
 One that is not killed has to stand in tests/mutation.csv with a reason, as `equivalent` (no input tells it
 from the original) or as `accepted`. The exit status is 1 if one does not stand there, or if fewer than 95 %
@@ -285,7 +285,7 @@ class Programs:
         for flag in ("-MT", "-MF"):
             if flag in words:
                 del words[words.index(flag) : words.index(flag) + 2]
-        words += ["-w", "-g0", f"-ffile-prefix-map={folder}=.", f"-I{(ROOT / path).parent}"]
+        words += ["-Werror=return-type", "-g0", f"-ffile-prefix-map={folder}=.", f"-I{(ROOT / path).parent}"]
         done = subprocess.run(words, cwd=BUILT, capture_output=True, check=False)
         return (folder / "mutant.o").read_bytes() if done.returncode == 0 else None
 

@@ -28,7 +28,6 @@ static void fill_kin(const kc_evaluated_t *evaluated, const kc_consider_t *chain
 {
     const kc_active_t *a = view->tables;
     const kc_est_t *e = view->est;
-    memset(kin, 0, sizeof *kin);
     kin->n_coef = a->terms.n_coef;
     kc_evaluation_values(view, kin->value);
     for (uint32_t c = 0u; c < kin->n_coef; c++) {

@@ -637,6 +637,12 @@ void test_a_process_without_standard_input_has_a_store_too(void)
     TEST_ASSERT_TRUE(opened);
     TEST_ASSERT_EQUAL_INT(0, fd);
     TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(4));
+    input = dup(0); /* and so may that of the tables */
+    (void)close(0);
+    int n = kc_files_load(&s_f, s_tables, APP);
+    (void)dup2(input, 0);
+    (void)close(input);
+    TEST_ASSERT_EQUAL_INT(0, n);
 }
 
 void test_a_table_that_is_refused_is_named_with_the_reason(void)

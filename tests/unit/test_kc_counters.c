@@ -80,6 +80,21 @@ void test_the_key_with_the_lowest_number_that_is_not_in_the_file_loses_its_place
     expect(11u, 0u, 40u);
 }
 
+/* Wherever in the file it stands. */
+void test_a_key_in_the_file_keeps_its_place_though_it_is_the_lowest(void)
+{
+    kc_keys_t keys = {.n = KC_KEY_MAX, .key = {{.id = 1u}, {.id = 2u}, {.id = 3u}, {.id = 4u}}};
+    for (uint32_t at = 0u; at < 2u; at++) {
+        setUp();
+        kc_counters_begin(&s_c, &keys);
+        const kc_keys_t then = {.n = 2u, .key = {{.id = at == 0u ? 1u : 5u}, {.id = at == 0u ? 5u : 1u}}};
+        kc_counters_begin(&s_c, &then);
+        TEST_ASSERT_NOT_NULL(kc_counters_of(&s_c, 1u));
+        TEST_ASSERT_NOT_NULL(kc_counters_of(&s_c, 5u));
+        TEST_ASSERT_NULL(kc_counters_of(&s_c, 2u));
+    }
+}
+
 void test_a_clock_that_ran_ahead_locks_nobody_out(void)
 {
     start(1u, 0u, 1000u);

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "given_parts.h"
+#include "given_tables.h"
 #include "kc_signed.h"
 #include "unity.h"
 
@@ -124,6 +125,8 @@ void test_what_moves_the_arm_or_changes_what_is_in_force_gives_way_to_an_abort(v
                          opcode == KC_CMD_APPROVE_GO || opcode == KC_CMD_ROLLBACK ||
                          opcode == KC_CMD_TABLE_ACTIVATE;
         TEST_ASSERT_TRUE(gives_way == (refused_for(opcode, KC_ST_IDLE) == KC_EVT_CMD_ABORTED));
+        int at = event_at(&s_out.events, KC_EVT_CMD_ABORTED);
+        if (at >= 0) { TEST_ASSERT_EQUAL_DOUBLE(0.0, s_out.events.e[at].got); }
     }
 }
 

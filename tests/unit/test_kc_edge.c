@@ -41,6 +41,7 @@ static kcm_ack_t s_ack, s_ack_start;
 static kcm_event_t s_event[64];
 static uint32_t s_n_done, s_n_ack, s_n_hk, s_n_event, s_n_down, s_n_arm_cmd;
 static volatile sig_atomic_t s_stop;
+static bool s_stop_ack; /* live: stops at the first answer, not at housekeeping */
 static uint32_t s_stop_done; /* stops after so many answers to ticks; 0: never */
 
 /* ---- a network and a clock that fail; these take the place of LCM's and the C library's for kc_edge.c ---- */
@@ -117,7 +118,7 @@ static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
         if (s_ack.opcode == KC_CMD_START) { s_ack_start = s_ack; }
     }
     s_n_hk += strcmp(channel, "KC_HK") == 0;
-    if (s_e.live && s_n_hk >= 1u) { s_stop = 1; }
+    if (s_e.live && (s_stop_ack ? s_n_ack : s_n_hk) >= 1u) { s_stop = 1; }
     if (strcmp(channel, "KC_EVENT") == 0) {
         TEST_ASSERT_TRUE(kcm_event_t_decode(b->data, 0, n, &s_event[s_n_event % 64u]) > 0);
         s_n_event++;
@@ -545,12 +546,29 @@ void test_it_says_hello_until_the_first_tick_and_runs_until_it_is_stopped(void)
     TEST_ASSERT_EQUAL_INT64(3, s_e.tick);
 }
 
+static const char *running(bool good)
+{
+    hear(2);
+    bool ran = kc_edge_run(&s_e, &s_stop);
+    const char *text = heard();
+    TEST_ASSERT_EQUAL_INT(good, ran);
+    return text;
+}
+
 void test_live_it_steps_by_the_clock_and_takes_messages_at_once(void)
 {
     tearDown();
     given_edge(true);
     send_cmd(INT64_MAX, 1, KC_CMD_NOOP, 0); /* whatever clock the sender has */
-    TEST_ASSERT_TRUE(kc_edge_run(&s_e, &s_stop));
+    s_stop_ack = true; /* in the second step */
+    const char *text = running(true);
+    s_stop_ack = false;
+    char tables[80];
+    (void)snprintf(tables, sizeof tables, "\nkincal-fsw: tables in force, by CRC: arm %08x camera",
+                   (unsigned)kc_app_active(APP)->crc[KC_TBL_ARM]);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, tables), text);
+    TEST_ASSERT_EQUAL_PTR_MESSAGE(strchr(text, '\n') + 1, strstr(text, "kincal-fsw: tables"), text);
+    TEST_ASSERT_NULL_MESSAGE(strstr(text + 1, "kincal-fsw: runs on"), text); /* once */
     TEST_ASSERT_TRUE(s_n_hk >= 1u);
     TEST_ASSERT_EQUAL_UINT32(0u, s_n_done);
     TEST_ASSERT_TRUE(APP->clock.now_us > 1600000000000000u);
@@ -633,15 +651,6 @@ void test_after_a_failed_store_nothing_more_of_the_step_is_stored(void)
     kc_edge_store(&s_e);
     TEST_ASSERT_EQUAL_UINT16(KC_STORE_PROPOSAL, s_e.in.store_kind);
     TEST_ASSERT_EQUAL_INT(KC_OK, s_e.in.store_status);
-}
-
-static const char *running(bool good)
-{
-    hear(2);
-    bool ran = kc_edge_run(&s_e, &s_stop);
-    const char *text = heard();
-    TEST_ASSERT_EQUAL_INT(good, ran);
-    return text;
 }
 
 void test_a_signal_is_no_failure_of_the_network(void)

@@ -77,6 +77,17 @@ void test_without_a_required_rotation_a_coefficient_that_only_turns_the_tool_may
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, power_of(10.0), power(false));
 }
 
+/* By half a metre for each unit, so that 20 mm are 0.04. */
+void test_a_coefficient_that_moves_the_tool_little_counts_too(void)
+{
+    s_eval.J[0][0] = 0.5;
+    kc_accuracy_begin(&s_evaluation.error, &s_est);
+    kc_accuracy_add(&s_evaluation.error, &s_eval, s_chain);
+    s_eval.J[0][0] = 2.0;
+    s_tables.config.stop_rot_rad = 0.0;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, power_of(160.0), power(false));
+}
+
 void test_power_with_the_chain_is_by_what_it_leaves_visible(void)
 {
     s_evaluation.chain.visible[0] = 5e4;

@@ -52,6 +52,7 @@ void test_empty_process_knows_nothing(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.0, var);
     TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, kc_gp_cand_mean(&s_gp, 3u));
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.0, s_gp.var[3]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_gp.var[N_CAND]); /* no candidate */
     TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, kc_gp_log_marginal(&s_gp));
 }
 

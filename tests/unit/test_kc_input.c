@@ -426,6 +426,11 @@ void test_a_frame_with_a_value_out_of_range_is_refused(void)
             *s[i].field = bad[k];
             det_refused(KC_EVT_IN_RANGE, s[i].index);
         }
+        if (s[i].index >= KC_FIELD_DET_COV) { continue; }
+        *s[i].field = s[i].below + 0.1; /* the limit */
+        detected();
+        TEST_ASSERT_TRUE(s_request.frame != KC_FRAME_AWAITED);
+        setUp();
     }
 }
 

@@ -58,6 +58,8 @@ void test_a_rotation_is_fully_correlated_with_itself_whatever_its_sign(void)
     const double minus[4] = {-1.0, 0.0, 0.0, 0.0};
     TEST_ASSERT_DOUBLE_WITHIN(1e-14, 1.0, kc_kernel_rot(&s_k, 0u, ONE, ONE));
     TEST_ASSERT_DOUBLE_WITHIN(1e-14, 1.0, kc_kernel_rot(&s_k, 0u, ONE, minus));
+    const double longer[4] = {1.2, 0.0, 0.0, 0.0}; /* as by rounding, but more */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, 1.0, kc_kernel_rot(&s_k, 0u, ONE, longer));
     given_all_degrees();
     TEST_ASSERT_DOUBLE_WITHIN(1e-14, 1.0, kc_kernel_rot(&s_k, 0u, ONE, minus));
 }
@@ -104,11 +106,14 @@ void test_a_kernel_has_any_number_of_weights(void)
 void test_position_part_is_a_gaussian_and_both_multiply(void)
 {
     const kc_point_t a = {{1.0, 0.0, 0.0, 0.0}, {0.1, 0.2, 0.3}};
-    const kc_point_t b = {{0.8, 0.6, 0.0, 0.0}, {0.1, 0.2, 0.7}};
     s_k.hyper[1].sigma_s = 3.0;
-    const double want = 9.0 * exp(-0.5 * 0.16 / 0.25) * kc_kernel_rot(&s_k, 1u, a.q_wxyz, b.q_wxyz);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-14, want, kc_kernel_eval(&s_k, 1u, &a, &b));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-15, want, kc_kernel_eval(&s_k, 1u, &b, &a));
+    for (uint32_t axis = 0u; axis < 3u; axis++) {
+        kc_point_t b = {{0.8, 0.6, 0.0, 0.0}, {0.1, 0.2, 0.3}};
+        b.p_m[axis] += 0.4;
+        const double want = 9.0 * exp(-0.5 * 0.16 / 0.25) * kc_kernel_rot(&s_k, 1u, a.q_wxyz, b.q_wxyz);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-14, want, kc_kernel_eval(&s_k, 1u, &a, &b));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, want, kc_kernel_eval(&s_k, 1u, &b, &a));
+    }
 }
 
 void test_good_tables_pass(void)

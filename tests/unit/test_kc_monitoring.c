@@ -67,26 +67,33 @@ void test_an_observation_is_charged_and_due_if_all_stood_still_when_it_was_taken
     TEST_ASSERT_FALSE(s_monitoring.weigh);
 }
 
+/* Eight detections of the arm as it is; the monitor finds something. */
+static void observe(const kc_arm_t *arm)
+{
+    double *q = parts.telemetry.arm.q;
+    kc_work_t work = kc_work_unlimited();
+    (void)rests();
+    s_monitoring.session = parts.cal.session + 1u; /* it begins anew */
+    s_monitoring.rest_us = 0u;
+    for (uint32_t i = 0u; i < 8u; i++) {
+        kc_detection_t det = {.t_us = parts.clock.clock_us};
+        for (uint32_t j = 0u; j < 7u; j++) { q[j] = 0.3 * sin(1.0 + 5.0 * i + 2.0 * j); }
+        given_detection(arm, q, 0.0, &det);
+        kc_monitoring_observe(&s_monitoring, &s_monitor, &parts.view, &det, &work, &parts.out);
+    }
+    kc_monitoring_evaluate(&s_monitoring, &s_monitor, &parts.view, &work, &parts.out);
+    TEST_ASSERT_TRUE(s_monitoring.weigh);
+}
+
 /* What explains the observations best is named, whichever joint the monitor found: weighed in the step after. */
 void test_the_joint_that_is_off_is_named_with_its_bias(void)
 {
     for (uint32_t joint = 0u; joint < 4u; joint++) {
         kc_arm_t arm = parts.tables.active.arm;
-        double *q = parts.telemetry.arm.q;
         kc_work_t work = kc_work_unlimited();
         setUp();
-        (void)rests();
-        s_monitoring.session = parts.cal.session + 1u; /* it begins anew */
-        s_monitoring.rest_us = 0u;
         arm.joint[joint].phi_rad += 0.05;
-        for (uint32_t i = 0u; i < 8u; i++) {
-            kc_detection_t det = {.t_us = parts.clock.clock_us};
-            for (uint32_t j = 0u; j < 7u; j++) { q[j] = 0.3 * sin(1.0 + 5.0 * i + 2.0 * j); }
-            given_detection(&arm, q, 0.0, &det);
-            kc_monitoring_observe(&s_monitoring, &s_monitor, &parts.view, &det, &work, &parts.out);
-        }
-        kc_monitoring_evaluate(&s_monitoring, &s_monitor, &parts.view, &work, &parts.out);
-        TEST_ASSERT_TRUE(s_monitoring.weigh);
+        observe(&arm);
         s_monitoring.found.joint = 5u;
         kc_monitoring_evaluate(&s_monitoring, &s_monitor, &parts.view, &work, &parts.out);
         TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_monitoring.newest.state);
@@ -94,6 +101,27 @@ void test_the_joint_that_is_off_is_named_with_its_bias(void)
         TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.05, s_monitoring.newest.bias);
         expect_event(KC_EVT_MON_SUSPECT, (int32_t)joint + 1, s_monitoring.newest.bias,
                      (double)s_monitoring.newest.suspects);
+    }
+}
+
+/* Joints 2 and 3, 2 and 4, 3 and 4: all are suspects, and of two that are as likely it is the first. */
+void test_of_two_joints_that_are_off_the_likelier_is_named(void)
+{
+    for (uint32_t k = 0u; k < 3u; k++) {
+        const uint32_t one = k < 2u ? 1u : 2u, other = k == 0u ? 2u : 3u;
+        kc_arm_t arm = parts.tables.active.arm;
+        kc_work_t work = kc_work_unlimited();
+        setUp();
+        arm.joint[one].phi_rad += 0.05;
+        arm.joint[other].phi_rad -= 0.04;
+        observe(&arm);
+        kc_monitoring_evaluate(&s_monitoring, &s_monitor, &parts.view, &work, &parts.out);
+        const kc_mon_verdict_t *v = &s_monitoring.newest;
+        const double *chance = s_monitoring.suspects.chance;
+        TEST_ASSERT_EQUAL_INT(KC_MON_SEVERAL, v->state);
+        TEST_ASSERT_EQUAL_HEX32(1u << one | 1u << other, s_monitoring.suspects.joints);
+        TEST_ASSERT_EQUAL_UINT32(chance[other] > chance[one] ? other : one, v->joint);
+        TEST_ASSERT_EQUAL_DOUBLE(s_monitoring.suspects.bias[v->joint], v->bias);
     }
 }
 

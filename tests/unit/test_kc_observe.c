@@ -226,11 +226,13 @@ void test_it_observes_before_the_candidate_where_that_tells_something_new_and_th
         s_config->extra_pos_m = cases[i].pos_m;
         s_config->extra_rot_rad = cases[i].rot_rad;
         parts.plan.n_obs = cases[i].n_obs;
+        s_request.fails = 7u;
         TEST_ASSERT_EQUAL_INT(cases[i].outcome, shown(0.4));
         TEST_ASSERT_EQUAL_UINT32(cases[i].n_extra + 1u, s_observe.servo_steps); /* the next step is decided */
         const bool also = cases[i].outcome == KC_OC_MEASURE;
         TEST_ASSERT_EQUAL_UINT32(cases[i].n_extra + also, s_observe.n_extra);
         if (!also) { continue; }
+        TEST_ASSERT_EQUAL_UINT32(0u, s_request.fails);
         TEST_ASSERT_EQUAL_INT(cases[i].n_extra == 0u ? KC_AT_ARRIVAL : KC_AT_SERVO_STEP, s_observe.taken_at);
         TEST_ASSERT_FALSE(s_observe.extra_held);
         TEST_ASSERT_EQUAL_MEMORY(&s_observe.measured, &s_observe.last_extra, sizeof s_observe.measured);

@@ -144,6 +144,9 @@ void test_residuals_before_are_those_of_the_table_in_force_at_the_poses_that_wer
     memset(s_est->outlier, 1, sizeof s_est->outlier);
     proposed();
     TEST_ASSERT_EQUAL_DOUBLE(0.0, s_p->before_pos_m + s_p->before_rot_rad);
+    s_est->outlier[1] = 0u; /* one is enough */
+    proposed();
+    TEST_ASSERT_TRUE(s_p->before_pos_m > 0.0 && s_p->before_rot_rad > 0.0);
 }
 
 /* What the estimator minimised, summed anew; and what the estimate takes away of that of the table in force. */
@@ -240,6 +243,7 @@ void test_an_exact_camera_leaves_the_predicted_error_of_the_noise(void)
         TEST_ASSERT_EQUAL_DOUBLE(s_p->pred_rot_rad, rot[i]);
     }
     TEST_ASSERT_TRUE(s_p->pred_pos_m > 0.0 && s_p->pred_rot_rad > 0.0);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_evaluated.chain.pos_m + s_evaluated.chain.rot_rad);
 }
 
 /* Against the camera, which is off with what it sees, an error of its place counts less than in the base frame. */
@@ -399,6 +403,7 @@ void test_a_proposal_without_the_newest_pose_is_poor_and_says_that_the_arm_may_h
     TEST_ASSERT_EQUAL_UINT32(2u, parts.out.events.n);
     TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_CHANGED, parts.out.events.e[0].id);
     TEST_ASSERT_EQUAL_INT((int32_t)s_p->n_poses, parts.out.events.e[0].index);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, fabs(parts.out.events.e[0].got) + fabs(parts.out.events.e[0].want));
     TEST_ASSERT_EQUAL_UINT16(KC_EVT_CAL_POOR, parts.out.events.e[1].id);
 }
 

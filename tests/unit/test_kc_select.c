@@ -61,6 +61,8 @@ void test_a_requirement_that_the_camera_cannot_meet_is_reported(void)
         {0.0, 0.0, 0.0, KC_RIGHT_IN_CAMERA, 1.0, 0.0, 0.0, 0.0},
         {2.51, 2.49, 0.9, KC_RIGHT_IN_CAMERA, 1.0, 0.0, 0.0, 6.251388631170326},
         {2.49, 2.51, 0.9, KC_RIGHT_IN_CAMERA, 1.0, 0.0, 6.251388631170326, 0.0},
+        /* two sizes, 3 and 12 squared: 3 x 225 / 153 degrees of freedom */
+        {1.0, 9.0, 0.9, KC_RIGHT_IN_LANDER, 1.0, 2.0, 28.513633010805375, 0.0},
     };
     for (uint32_t i = 0u; i < sizeof cases / sizeof cases[0]; i++) {
         const double left[] = {cases[i].left_m, cases[i].left_rad};
@@ -133,6 +135,10 @@ void test_a_budget_that_is_used_up_ends_it_but_no_estimate(void)
         TEST_ASSERT_EQUAL_INT(KC_OC_ABORT, oc.id);
         TEST_ASSERT_EQUAL_INT(KC_CAUSE_BUDGET, oc.cause);
     }
+    given_session();
+    s_config->budget_us = 0u;
+    s_config->energy_budget_j = 0.5; /* any budget is one */
+    TEST_ASSERT_EQUAL_INT(KC_OC_FINISH, after_s(4.0, KC_ST_MOVE).id);
 }
 
 /* ---- SELECT ---- */

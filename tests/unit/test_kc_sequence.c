@@ -262,6 +262,17 @@ void test_what_is_put_back_is_charged(void)
         TEST_ASSERT_EQUAL_INT(KC_ST_STORE, kc_app_state(APP));
         TEST_ASSERT_EQUAL_UINT64(i * KC_CHANGE_BACK_COST, s_work.used);
     }
+    uint64_t used[2];
+    for (uint32_t i = 0u; i < 2u; i++) { /* by an abort at once */
+        setUp();
+        in_state(KC_ST_STORE);
+        APP->change.kind = kinds[i];
+        s_in.n_cmd = 1u;
+        s_in.cmd[0] = (kc_cmd_t){.source = 1, .seq = 1, .opcode = KC_CMD_ABORT};
+        kc_sequence_commands(APP, &s_work, &s_in, &s_out);
+        used[i] = s_work.used;
+    }
+    TEST_ASSERT_EQUAL_UINT64(KC_CHANGE_BACK_COST, used[1] - used[0]);
 }
 
 /* ---- inputs ---- */

@@ -114,6 +114,8 @@ void test_a_calibration_begins_with_nothing_of_the_one_before(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.0, fabs(same));
         TEST_ASSERT_EQUAL_MEMORY(at->q_seed, &s_arena.cand_q[c * KC_JOINT_MAX], sizeof at->q_seed);
     }
+    TEST_ASSERT_EACH_EQUAL_HEX8(0x5a, &s_arena.cand_q[9u * KC_JOINT_MAX],
+                                KC_JOINT_MAX * sizeof s_arena.cand_q[0]);
     s_config->initial_design = KC_INITIAL_INFORMATION;
     kc_update_start(s_latest, s_est, &s_arena, &parts.view, 0x30u);
     TEST_ASSERT_EQUAL_UINT8(1u, s_est->by_bounds);
@@ -529,6 +531,7 @@ void test_it_ends_when_it_is_good_enough_or_the_table_in_force_is_right(void)
         /* a table that is right: tested at the power, or before */
         {0.0, 0.5, 0.05, 0.9, 99u, 3u, false, KC_ENDED_NO_CHANGE, KC_EVT_CAL_AGREES, true},
         {0.0, 0.5, 5e-3, 0.9999, 0u, 3u, false, KC_ENDED_NOT, KC_EVT_NONE, false},
+        {0.0, 0.5, 0.05, 0.0, 0u, 3u, false, KC_ENDED_REQUIREMENT, KC_EVT_CAL_CONVERGED, false},
         {0.0, 0.5, 0.05, 0.9, 0u, 3u, true, KC_ENDED_REQUIREMENT, KC_EVT_CAL_CONVERGED, true},
         /* one that is wrong: looked at once; for certain before the power is reached */
         {PHI, 0.1, 0.05, 0.9, 99u, 3u, false, KC_ENDED_NOT, KC_EVT_CAL_DISAGREES, true},
@@ -543,6 +546,7 @@ void test_it_ends_when_it_is_good_enough_or_the_table_in_force_is_right(void)
         s_config->est.outlier_p = 0.0;
         parts.plan.n_min = cases[i].n_min; /* besides local ones */
         parts.plan.n_local = 1u;
+        if (cases[i].event == KC_EVT_CAL_AGREES) { parts.tables.active.camera.plate_sigma_rad = 0.01; }
         given_poses(POSES, cases[i].phi_rad, cases[i].noise);
         learn_all();
         s_latest->tested_early = cases[i].tested;
@@ -557,7 +561,12 @@ void test_it_ends_when_it_is_good_enough_or_the_table_in_force_is_right(void)
         TEST_ASSERT_EQUAL_INT(tested ? (int32_t)POSES : -1, e->index);
         TEST_ASSERT_EQUAL_DOUBLE(tested ? s_evaluated.fit.p_no_change : s_evaluated.bound.pos_m, e->got);
         if (cases[i].event == KC_EVT_CAL_AGREES) {
-            TEST_ASSERT_TRUE(e->want >= 0.9 && e->want <= 1.0); /* the power that it had */
+            /* the power that it had, and what the camera chain left of it */
+            const double level = kc_verdict_level(s_config, true);
+            const double power = kc_evaluation_power(&s_evaluated, &s_evaluation, &parts.view, level, false);
+            TEST_ASSERT_TRUE(power >= 0.9 && e->want > 0.5 && e->want < power - 1e-6);
+            TEST_ASSERT_EQUAL_DOUBLE(
+                kc_evaluation_power(&s_evaluated, &s_evaluation, &parts.view, level, true), e->want);
         } else {
             TEST_ASSERT_EQUAL_DOUBLE(tested ? 0.5 * s_config->no_change_p : 0.0, e->want);
         }
