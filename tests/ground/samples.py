@@ -104,6 +104,12 @@ def progress(pose: int, n_goal: int = 20) -> kcm.progress_t:
     return m
 
 
+def image(seq: int, jpeg: bytes = b"\xff\xd8\xff" + b"x" * 100) -> kcm.image_t:
+    m = kcm.image_t()
+    m.t_us, m.seq, m.width_px, m.height_px, m.n_bytes, m.jpeg = 1000 * seq, seq, 1920, 1080, len(jpeg), jpeg
+    return m
+
+
 def event(t_us: int, seq: int, number: int, severity: int, got: float = 0.0, index: int = -1) -> kcm.event_t:
     m = kcm.event_t()
     m.t_us, m.seq, m.id, m.severity, m.got, m.index = t_us, seq, number, severity, got, index
@@ -134,7 +140,7 @@ def write_log(path, damage: bool = True, verdict: int = 1, waiting: kcm.proposal
         log.write_event(t, channel, message.encode())
     if damage:
         log.write_event(90, "KC_HK", hk.encode()[:40])
-    log.write_event(91, "KC_IMAGE", b"not looked at")
+    log.write_event(91, "KC_IMAGE", image(4).encode())
     log.write_event(92, "SOMETHING_ELSE", b"\1\2")
     log.close()
 

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from samples import image
 from starlette.testclient import TestClient
 from test_console import ACCESS, GOOD, ORIGIN
 
@@ -18,13 +19,6 @@ from kincal.console.sources import Playback, Recording
 from kincal.operate.recording import Recorder
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
-JPEG = b"\xff\xd8\xff" + b"x" * 100
-
-
-def image(seq, data=JPEG):
-    m = kcm.image_t()
-    m.t_us, m.seq, m.width_px, m.height_px, m.n_bytes, m.jpeg = seq * 1000, seq, 1920, 1080, len(data), data
-    return m
 
 
 @pytest.fixture
@@ -41,7 +35,7 @@ def test_the_newest_frame_is_served_by_its_number_and_the_feed_holds_no_bytes(se
         picture.add("KC_IMAGE", image(seq))
     assert client.get("/api/frame/1", headers=GOOD).status_code == 404  # the picture does not grow
     got = client.get("/api/frame/2", headers=GOOD)
-    assert got.content == JPEG and got.headers["content-type"] == "image/jpeg"
+    assert got.content == image(0).jpeg and got.headers["content-type"] == "image/jpeg"
     assert client.get("/api/frame/2").status_code in (401, 403)
     assert picture.snapshot()[0]["values"]["KC_IMAGE"]["data"] == {
         "seq": 2, "key": 2, "size_px": [1920, 1080]}  # fmt: skip
@@ -57,7 +51,7 @@ def test_what_is_no_jpeg_is_not_served(served, data):
 def test_a_recording_shows_the_frame_of_the_moment_and_keeps_none_in_memory(tmp_path):
     """Frames have the numbers that they had, also after a restart of flight; they stay in the file."""
     recorder, geometry = Recorder(tmp_path, frame_s=1.0), Geometry(BIN)
-    pictures = [JPEG + bytes([k]) for k in range(4)]
+    pictures = [image(0).jpeg + bytes([k]) for k in range(4)]
     for k, (seq, data) in enumerate(zip((7, 8, 9, 7), pictures, strict=True)):
         for part in (0.0, 0.4):  # the second of a second is left out
             m = image(seq, data if not part else b"left out")

@@ -4,11 +4,13 @@ import json
 
 import pytest
 from click.testing import CliRunner
-from samples import write_log
+from samples import image, write_log
 
 from kincal import link
 from kincal.cli import main
 from kincal.flight import library
+from kincal.link import channels
+from kincal.link.eventfile import event_bytes
 from kincal_shared.errors import KincalError
 
 
@@ -33,6 +35,35 @@ def test_damaged_message_is_counted_and_the_rest_is_read(log):
     s = link.read_log(log)
     assert s.undecodable == {"KC_HK": 1}
     assert s.hk.boot_count == 2
+
+
+@pytest.mark.parametrize("n_bytes", [-1, 104, 1 << 30])
+def test_an_image_that_counts_other_bytes_than_it_has_is_damaged(tmp_path, n_bytes):
+    """LCM's decoder takes whatever follows for the JPEG."""
+    good = image(7).encode()
+    bad = good[:28] + n_bytes.to_bytes(4, "big", signed=True) + good[32:]
+    path = tmp_path / "x.lcmlog"
+    path.write_bytes(
+        b"".join(event_bytes(n, n, "KC_IMAGE", data) for n, data in ((4, good), (9, bad), (12, good[:31])))
+    )
+    s = link.read_log(path)
+    assert (s.counts["KC_IMAGE"], s.undecodable, s.undecodable_at) == (
+        3,
+        {"KC_IMAGE": 2},
+        {"KC_IMAGE": [9, 12]},
+    )
+    said = CliRunner().invoke(main, ["log", str(path)]).output
+    assert "3 (2 damaged: events 9, 12)" in said
+    with pytest.raises(ValueError, match=f"n_bytes is {n_bytes}, 103 bytes follow"):
+        channels.decode("KC_IMAGE", bad)
+    assert channels.decode("KC_IMAGE", good).jpeg == image(7).jpeg
+
+
+def test_of_many_damaged_events_the_first_five_are_named(tmp_path):
+    path = tmp_path / "x.lcmlog"
+    path.write_bytes(b"".join(event_bytes(n, n, "KC_HK", b"no housekeeping") for n in range(7)))
+    said = CliRunner().invoke(main, ["log", str(path)]).output
+    assert "7 (7 damaged: events 0, 1, 2, 3, 4, ...)" in said
 
 
 def test_events_come_in_words_with_their_values(log):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import struct
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,9 @@ _COUNTS = {
     "table_chunk_t": {"n": "data"},
 }
 
+IMAGE_HEAD = struct.Struct(">28xi")
+"""Of an image, before the JPEG: fingerprint, time, number, width and height; then the bytes of the JPEG."""
+
 
 @cache
 def message_type(type_name: str) -> Any:
@@ -38,9 +42,21 @@ def message_type(type_name: str) -> Any:
         raise CommandFailed(f"message types are not built: {error}", todo="run `make` once") from None
 
 
+def check_image(head: bytes, n_bytes: int) -> None:
+    """ValueError if a message of `n_bytes` bytes that begins with `head` is no image: LCM's decoder takes the
+    bytes that are there for the JPEG, whatever number stands before them."""
+    if len(head) < IMAGE_HEAD.size or not head.startswith(message_type("image_t")._get_packed_fingerprint()):
+        raise ValueError("no image")
+    (counted,), there = IMAGE_HEAD.unpack_from(head), n_bytes - IMAGE_HEAD.size
+    if not 0 <= counted <= there:
+        raise ValueError(f"n_bytes is {counted}, {there} bytes follow")
+
+
 def decode(channel: str, data: bytes) -> LcmMessage:
     """Message of a channel, also of a former type of it. ValueError if the bytes are not that message, or it
     counts more than its arrays hold."""
+    if BY_NAME[channel].type == "image_t":
+        check_image(data[: IMAGE_HEAD.size], len(data))
     message = former.decode(message_type(BY_NAME[channel].type), data)
     for count, array in _COUNTS.get(BY_NAME[channel].type, {}).items():
         number, room = getattr(message, count), len(getattr(message, array))

@@ -6,7 +6,7 @@ no text ends the reading. Here a damaged place is counted and passed, up to wher
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -24,13 +24,16 @@ _AT_ONCE = 1 << 20  # bytes that are looked through for the next event
 
 
 class FileEvent(NamedTuple):
-    """An event of a file. channel: its printable name; data: the bytes of the message, empty if they are not
-    wanted; utc_us: when it was recorded [us since 1970]; at: byte of the file at which it begins."""
+    """An event of a file. channel: its printable name; data: the bytes of the message, as many as are wanted;
+    utc_us: when it was recorded [us since 1970]; at: byte of the file at which it begins; number: that the
+    recorder gave it; n_bytes: of the whole message."""
 
     channel: str
     data: bytes
     utc_us: int = 0
     at: int = 0
+    number: int = 0
+    n_bytes: int = 0
 
 
 def event_bytes(number: int, utc_us: int, channel: str, data: bytes) -> bytes:
@@ -43,12 +46,13 @@ def event_bytes(number: int, utc_us: int, channel: str, data: bytes) -> bytes:
 class EventFile:
     """The events of a file, one after the other, up to where it ended when reading began: a recording grows.
     skip: channels whose messages are not read; start: byte to begin at, or after it where the first event
-    there begins; damaged: places of the file, so far, that hold no event. BadInput if the file cannot be
-    read."""
+    there begins; heads: how many bytes are read, at most, of messages that are skipped; damaged: places of
+    the file, so far, that hold no event. BadInput if the file cannot be read."""
 
     path: Path
     skip: frozenset[str] = frozenset()
     start: int = 0
+    heads: Mapping[str, int] = field(default_factory=dict)
     damaged: int = field(default=0, init=False)
 
     def __iter__(self) -> Iterator[FileEvent]:
@@ -73,12 +77,13 @@ class EventFile:
         at, whole = max(_next_sync(file, self.start), 0) if self.start else 0, True
         file.seek(at)
         while at < size and len(header := file.read(_HEADER.size)) == _HEADER.size:
-            sync, _, utc_us, n_channel, n_data = _HEADER.unpack(header)
+            sync, number, utc_us, n_channel, n_data = _HEADER.unpack(header)
             end = at + _HEADER.size + n_channel + n_data
             known = sync == SYNC and 0 < n_channel <= MOST_CHANNEL and 0 <= n_data <= MOST_BYTES
             if known and end <= size:
                 channel = _printable(file.read(n_channel))
-                yield FileEvent(channel, b"" if channel in self.skip else file.read(n_data), utc_us, at)
+                wanted = min(self.heads.get(channel, 0), n_data) if channel in self.skip else n_data
+                yield FileEvent(channel, file.read(wanted), utc_us, at, number, n_data)
                 at, whole = end, True
             else:
                 self.damaged += whole

@@ -22,7 +22,10 @@ from .eventfile import EventFile, FileEvent
 if TYPE_CHECKING:
     from .messages import Ack, Cmd, Event, Hk, LcmMessage, Meas, Progress, Proposal
 
-SKIP = frozenset({"KC_IMAGE"})  # large and of no use to a summary
+_IMAGE = "KC_IMAGE"
+SKIP = frozenset({_IMAGE})  # large and of no use to a summary
+MOST_NUMBERS = 5
+"""Of damaged events, that are kept for each channel."""
 TIMED = {"KC_HK", "KC_EVENT", "KC_PROGRESS"}  # say how long the mission lasted
 STATES = {"KC_ARM_STATE", "KC_PANTILT_STATE"}  # most messages; only counted
 
@@ -122,6 +125,8 @@ class LogSummary:
     n_messages: int = 0
     counts: Counter[str] = field(default_factory=Counter)
     undecodable: Counter[str] = field(default_factory=Counter)
+    undecodable_at: dict[str, list[int]] = field(default_factory=dict)
+    """By channel, the numbers of the first events whose messages are damaged."""
     damaged: int = 0  # places of the file that hold no message
     t_first_us: int | None = None
     t_last_us: int | None = None
@@ -152,6 +157,12 @@ class LogSummary:
         for channel in channels:
             self.n_messages += 1
             self.counts[channel] += 1
+
+    def count_damaged(self, channel: str, number: int) -> None:
+        """The message of the event of this number is none of its channel."""
+        self.undecodable[channel] += 1
+        if len(at := self.undecodable_at.setdefault(channel, [])) < MOST_NUMBERS:
+            at.append(number)
 
     def add(self, channel: str, message: LcmMessage) -> None:
         """Add one decoded message."""
@@ -184,6 +195,7 @@ class LogSummary:
             "messages": self.n_messages,
             "channels": dict(sorted(self.counts.items())),
             "undecodable": dict(self.undecodable),
+            "undecodable_at": self.undecodable_at,
             "damaged": self.damaged,
             "mission_s": self.mission_s,
             "sessions": [s.as_dict() for s in self.sessions.values()],
@@ -198,11 +210,11 @@ class LogSummary:
 def read_log(path: Path) -> LogSummary:
     """Read a whole log once. Messages that are damaged or of unknown channels, and places of the file that
     hold none, are counted, not fatal. BadInput if the file holds no message."""
-    summary, file = LogSummary(path), EventFile(path, SKIP)
+    summary, file = LogSummary(path), EventFile(path, SKIP, heads={_IMAGE: channels.IMAGE_HEAD.size})
     for event in file:
         summary.n_messages += 1
         summary.counts[event.channel] += 1
-        if event.channel in channels.BY_NAME and event.channel not in SKIP:
+        if event.channel in channels.BY_NAME:
             _add_event(summary, event)
     summary.damaged = file.damaged
     if summary.n_messages == 0:
@@ -215,9 +227,12 @@ def read_log(path: Path) -> LogSummary:
 def _add_event(summary: LogSummary, event: FileEvent) -> None:
     channels.message_type(channels.BY_NAME[event.channel].type)  # types that are not built are no damage
     try:
+        if event.channel in SKIP:
+            channels.check_image(event.data, event.n_bytes)
+            return
         message = channels.decode(event.channel, event.data)
     except Exception:  # noqa: BLE001 generated decoders raise anything
-        summary.undecodable[event.channel] += 1
+        summary.count_damaged(event.channel, event.number)
         return
     summary.add(event.channel, message)
 

@@ -14,13 +14,21 @@ from kincal.results import PoseLine, length_text
 _REAL_CLOCK_US = range(10**15, 10**16)  # mission time that is the real clock: from 2001 to 2286
 
 
+def _damaged(s: LogSummary, channel: str) -> str:
+    """How many messages of a channel are damaged, and which."""
+    n, at = s.undecodable[channel], s.undecodable_at.get(channel, [])
+    if not n:
+        return ""
+    more = ", ..." if n > len(at) else ""
+    return f" ({n} damaged: event{'s' if n > 1 else ''} {', '.join(map(str, at))}{more})"
+
+
 def show(out: Console, s: LogSummary, debug: bool) -> None:
     """Print what a log holds: channels, sessions, events; debug events if asked for."""
     out.print(f"[bold]{escape(str(s.path))}[/]: {s.n_messages} messages, {s.mission_s:.1f} s of mission time")
     rows = grid("", "channel", "messages", right=(1,))
     for name, n in sorted(s.counts.items()):
-        note = f" ({s.undecodable[name]} damaged)" if s.undecodable[name] else ""
-        rows.add_row(escape(name), f"{n}{note}")
+        rows.add_row(escape(name), f"{n}{_damaged(s, name)}")
     out.print(rows)
     if s.damaged:
         places = "place of the file was" if s.damaged == 1 else "places of the file were"
