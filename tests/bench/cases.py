@@ -15,8 +15,8 @@ from typing import Any
 
 from kincal import campaign
 from kincal.campaign.function import DIED
-from kincal_shared.errors import KincalError
-from kincal_shared.schema.campaign import Campaign
+from kincal_shared.errors import BadInput, KincalError
+from kincal_shared.schema.campaign import CASES_MAX, Campaign
 
 BUILD = Path(__file__).resolve().parents[2] / "build"
 Axes = Mapping[str, Sequence[Any]]
@@ -55,6 +55,19 @@ def _line(row: Line) -> Line:
     return found
 
 
+def _wrong_seeds(first: int, seeds: int, each: int) -> BadInput | None:
+    """Why these seeds cannot be flown: a case is known by its number, which counts all seeds from 0."""
+    most = CASES_MAX // each
+    if first >= 0 and seeds >= 1 and first + seeds <= most:
+        return None
+    return BadInput(
+        f"first seed {first} with {seeds} seeds: a campaign has {CASES_MAX} cases, and each seed {each} of "
+        "them, counted from seed 0",
+        "--first, --seeds",
+        f"--first at least 0, --seeds at least 1, and together at most {most}",
+    )
+
+
 def fly(
     o: argparse.Namespace,
     function: str,
@@ -67,11 +80,15 @@ def fly(
     again. settings: the same in all cases; empty: columns whose text has to be empty in all cases, which
     `kincal campaign report` judges. Exit status 2 if the folder belongs to something else, 1 if a case
     died."""
+    each = prod(map(len, axes.values()))
+    if (wrong := _wrong_seeds(o.first, o.seeds, each)) is not None:
+        print(wrong, file=sys.stderr)
+        sys.exit(2)
     spec = Campaign(
         function=function,
         seed=0,
         sampling="combinations",
-        cases=(o.first + o.seeds) * prod(map(len, axes.values())),
+        cases=(o.first + o.seeds) * each,
         time_limit_s=TIME_LIMIT_S,
         set=dict(settings or {}),
         dispersion=[{"key": key, "choice": list(values)} for key, values in axes.items()],

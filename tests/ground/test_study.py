@@ -14,12 +14,24 @@ from kincal_shared import installation
 ROOT = installation.root()
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
+import cases  # noqa: E402
 import missions  # noqa: E402
 import study  # noqa: E402
 import study_outside  # noqa: E402
 import study_report  # noqa: E402
 
 from kincal_sim.truth import conditions  # noqa: E402
+
+
+@pytest.mark.parametrize(("first", "seeds"), [(25_251, 2), (-1, 2), (1, 0)])
+def test_seeds_that_a_campaign_cannot_hold_are_named_with_the_range(first, seeds, capsys, tmp_path):
+    o = cases.options("faults", "", seeds=2).parse_args(["--first", f"{first}", "--seeds", f"{seeds}"])
+    o.out = tmp_path
+    with pytest.raises(SystemExit) as ended:
+        cases.fly(o, "faults:case", {"kind": range(99), "scenario": range(4)}, lambda *_: False)
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and f"first seed {first} with {seeds} seeds" in said
+    assert "--first at least 0, --seeds at least 1, and together at most 25252" in said
 
 
 def line(mm, mrad=None, end="change", visits=None):
