@@ -386,7 +386,12 @@ def test_a_dry_run_names_a_missing_key_too(tmp_path):
         at = ("--url", flight.url, "--keys", tmp_path / "none")
         run = kincal("command", "discard", "--dry-run", *at)
         assert run.exit_code == 1 and "not met: a key to sign with; found: no keys" in run.output, run.output
-        assert kincal("command", "noop", "--dry-run", *at).exit_code == 0
+        tried = kincal("command", "noop", "--dry-run", *at)
+        assert tried.exit_code == 0 and "it would be sent without a signature" in tried.output
+        sent = kincal("command", "noop", *at)  # the dry run said so, and it was refused
+        assert sent.exit_code == 0 and "NOOP is sent without a signature" in sent.output, sent.output
+        assert flight.unsigned == [kcm.cmd_t.NOOP]
+    assert list(tmp_path.iterdir()) == []
 
 
 # ---- telemetry that somebody else sends

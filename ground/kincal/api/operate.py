@@ -1,6 +1,7 @@
 """What an operator does with flight while it runs, for commands and the console."""
 
 from kincal.operate.acting import (
+    UNSIGNED,
     act,
     comment,
     read_back,
@@ -76,6 +77,7 @@ __all__ = [
     "Waiting",
     "abort",
     "accepted_counter",
+    "UNSIGNED",
     "act",
     "activate",
     "approve_arm",

@@ -31,8 +31,9 @@ def command() -> None:
     """Send a command to flight, once, and follow it: sent, received, accepted or refused, done, and the event
     that says so.
 
-    Every command but `abort` and `noop` is signed with the key file, and goes into the journal: the attempt
-    before it is sent, and what came of it. `--dry-run` sends nothing, and names what flight would refuse by
+    Every command is signed with the key file, and goes into the journal: the attempt before it is sent, and
+    what came of it. Without a key file only `abort` and `noop` are sent, unsigned and not written down.
+    `--dry-run` sends nothing, and names what flight would refuse by
     the last telemetry. If no answer comes, nothing is sent again: the last line says what is known.
 
     Exit status: 0 done, 1 refused, not answered, or (--dry-run) it would be refused.
@@ -62,7 +63,8 @@ def options(function: F) -> F:
 @command.command("noop")
 @options
 def command_noop(**given: Unpack[Given]) -> None:
-    """Is flight there, and does it take signed commands of this key?
+    """Is flight there, and does it take signed commands of this key? Without a key file it asks the first
+    alone.
 
     \b
     Example:
@@ -304,8 +306,8 @@ def _run(make: Callable[[Any], Any], given: Given, preview: Preview = Preview())
                 given["url"],
                 "is flight running on this URL? `kincal status`; ABORT is sent all the same",
             )
-        if request.opcode == "ABORT" and signer is None:
-            click.echo("no key file: ABORT is sent without a signature, which flight takes", err=True)
+        if signer is None:
+            click.echo(f"no key: {request.opcode} is sent without a signature, which flight takes", err=True)
         tell = (lambda _step: None) if given["as_json"] else (lambda step: text.step(out, step))
         tracked = operate.act(link, request, _operator(given), snapshot, tell)
     if given["as_json"]:
@@ -328,7 +330,7 @@ def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, previe
 
     now_s = link.clock_s()
     found, age = operate.unmet(request, snapshot, now_s), snapshot.freshness("KC_HK", now_s)
-    if link.signer is None and request.opcode not in ("ABORT", "NOOP"):
+    if link.signer is None and request.opcode not in operate.UNSIGNED:
         found = (operate.Unmet("a key to sign with", why_no_key(given["key_file"]), "`kincal key`"), *found)
     if given["as_json"]:
         said = [{"condition": u.condition, "found": u.found, "todo": u.todo} for u in found]
@@ -342,6 +344,8 @@ def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, previe
         if request.opcode == "ROLLBACK":
             _preview(snapshot, preview)
         text.unmet(console(), request.opcode, found, age, snapshot.state)
+        if link.signer is None and request.opcode in operate.UNSIGNED:
+            say("no key: it would be sent without a signature, which flight takes, and not be written down")
     if found:
         raise SystemExit(1)
 

@@ -28,6 +28,8 @@ Say = Callable[[Step], None]
 OTHERS_S = 1.2
 """A little more than the period of housekeeping: each flight on the network is heard in that time."""
 _HEARTBEATS = 3  # with these, another flight would have been heard between two of one
+UNSIGNED = ("ABORT", "NOOP")
+"""What flight takes without a signature."""
 NOT_AGAIN = (
     "do not send it again: see to the journal, then write down by `kincal review comment` what came of it"
 )
@@ -37,11 +39,14 @@ NOT_AGAIN = (
 def act(link: CommandLink, request: Request, who: Operator, snapshot: Snapshot, say: Say) -> Tracked:
     """Send a command and write it down. BadInput before anything is sent if it cannot be signed or the
     journal is not sound, CommandFailed if more than one flight is heard; an ABORT is sent all the same, and
-    `who.say` tells what could not be written."""
+    `who.say` tells what could not be written. Without a key NOOP is sent too, and written nowhere."""
     if request.opcode == "ABORT":
         tracked = send(link, request, snapshot, who.timeout_s, say)
         _write_abort(link, who, tracked)
         return tracked
+    if link.signer is None and request.opcode in UNSIGNED:
+        refuse_others(link, snapshot, request.opcode)
+        return send(link, request, snapshot, who.timeout_s, say)
     check_words(who.by, who.why)
     signer = signer_of(link)
     refuse_others(link, snapshot, request.opcode)
