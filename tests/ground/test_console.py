@@ -307,6 +307,13 @@ def post(client, path, **body):
     return client.post(path, headers=JSON, json=body)
 
 
+def see(client, by):
+    """Look at the page, then say so."""
+    at = f"/api/review/{CRC:08x}"
+    shown = client.get(at, headers=GOOD).json()["shown"]
+    return post(client, f"{at}/seen", number=f"seen {by} {shown}", by=by, shown=shown)
+
+
 def test_abort_needs_no_key_and_no_words(flight, geometry, tmp_path):
     picture = Picture(geometry)
     desk = Desk(flight.url, tmp_path / "none", None, BIN, picture)
@@ -332,7 +339,7 @@ def test_an_approval_takes_somebody_who_has_seen_it_then_two_steps(live, flight,
         and any("held" in t for t in page["look_at"])
         and page["page"]["sections"]
     )
-    assert post(live, f"{at}/seen", number="2", by="A. Reviewer").json()["ok"]
+    assert see(live, "A. Reviewer").json()["ok"]
     assert post(live, f"{at}/go", number="3", **words).status_code == 409
     assert post(live, f"{at}/arm", number="4", **words).json()["ok"]
     time.sleep(0.2)
@@ -341,6 +348,64 @@ def test_an_approval_takes_somebody_who_has_seen_it_then_two_steps(live, flight,
     assert [o for o, _ in flight.commands] == [kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO]
     lines = journal.read(journal.place(None, own_key_file)).entries
     assert [e.decision for e in lines if e.decision in DECIDED] == ["seen", "arm", "approve"]
+
+
+def test_a_question_is_asked_answered_and_looked_at_before_anybody_decides(live, flight, own_key_file):
+    at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "clean"}
+    page = lambda: live.get(at, headers=GOOD).json()  # noqa: E731
+    version = lambda: live.get("/api/journal/version", headers=GOOD).json()["version"]  # noqa: E731
+    before, empty = page(), version()
+    assert before["remarks"] == [] and empty == ""
+    assert post(live, f"{at}/remark", number="1", by="B", text="in\nshadow?", what="question").json()["ok"]
+    stale = post(live, f"{at}/seen", number="2", by="A", shown=before["shown"])
+    assert stale.status_code == 409 and "says more than the one that A was shown" in stale.json()["text"]
+    assert post(live, f"{at}/seen", number="3", by="A").status_code == 409  # without a page
+    (asked,) = page()["remarks"]
+    assert (asked["line"], asked["by"], asked["text"], asked["open"]) == (1, "B", "in\nshadow?", True)
+    assert any("open question by B" in text and "in shadow?" in text for text in page()["look_at"])
+    assert see(live, "A").json()["ok"] and page()["seen_by"] == ["A"] and version() != empty
+
+    for wrong in ({"text": " "}, {"text": "x" * 20_001}, {"what": "arm"}, {"what": "question", "answers": 1},
+                  {"answers": 2}):  # fmt: skip
+        refused = post(
+            live, f"{at}/remark", number=f"{wrong}"[:60], by="B", **{"what": "comment", "text": "no", **wrong}
+        )
+        assert refused.status_code == 409, wrong
+    answered = {"text": "no: lamp on", "what": "comment", "answers": 1}
+    assert post(live, f"{at}/remark", number="4", by="B", **answered).json()["ok"]
+    assert [(r["line"], r["open"], r["answers"]) for r in page()["remarks"]] == [(1, False, 0), (3, False, 1)]
+    assert page()["seen_by"] == []  # not what was said since
+    refused = post(live, f"{at}/arm", number="5", **words)
+    assert refused.status_code == 409 and "A saw correction fedcba98 before" in refused.json()["text"]
+    assert flight.commands == []
+    for _ in range(2):  # once is enough
+        assert see(live, "A").json()["ok"]
+    lines = journal.read(journal.place(None, own_key_file)).entries
+    assert [e.decision for e in lines] == ["question", "seen", "comment", "attempt", "refused", "seen"]
+    assert post(live, f"{at}/arm", number="6", **words).json()["ok"]
+
+
+def test_what_was_armed_elsewhere_needs_its_override_at_go_too(geometry, own_key_file):
+    message = proposal(verdict=kcm.proposal_t.POOR)
+    message.crc_terms = 0
+    with FakeFlight(proposal_crc=CRC, verdict=kcm.proposal_t.POOR) as flight:
+        flight.armed = CRC
+        picture = Picture(geometry)
+        picture.add("KC_PROPOSAL", message)
+        desk = Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=3.0)
+        at, words = f"{CRC:08x}", Words("B", "agreed")
+        with Live(flight.url, picture):
+            wait_for(lambda: picture.newest("KC_HK") is not None)
+            desk.see(at, "B")
+            assert desk.review(at)["go"]["override"]
+            for override, said in (("", "reasons to reject"), ("just go", "at least 3 words")):
+                with pytest.raises(BadInput, match=said):
+                    desk.decide("go", at, words, override)
+            assert flight.commands == []
+            desk.decide("go", at, words, " 2 mm will do ")
+        assert flight.kin_crc == CRC
+    last = desk.entries()[-1]
+    assert (last.decision, last.override) == ("approve", "2 mm will do")
 
 
 def test_a_request_that_comes_twice_is_carried_out_once(live, flight):
@@ -463,7 +528,7 @@ def test_a_poor_fit_is_armed_by_an_override_only(geometry, own_key_file):
         with Live(flight.url, picture), TestClient(app, base_url=ORIGIN) as client:
             at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "b"}
             assert "flight itself calls the fit poor" in client.get(at, headers=GOOD).json()["reasons"][0]
-            assert post(client, f"{at}/seen", number="1", by="A").json()["ok"]
+            assert see(client, "A").json()["ok"]
             refused = post(client, f"{at}/arm", number="2", **words)
             assert refused.status_code == 409 and "--override" in refused.json()["text"]
             assert flight.commands == []

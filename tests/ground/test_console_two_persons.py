@@ -79,7 +79,7 @@ def act(page, opens, name, **words):
     page.get_by_role("button", name=opens).click()
     form = page.locator("form", has=page.get_by_role("button", name=name, exact=True))
     for field, text in words.items():
-        form.locator(f"input[name={field}]").fill(text)
+        form.locator(f"[name={field}]").fill(text)
     form.get_by_role("button", name=name, exact=True).click()
 
 
@@ -156,10 +156,13 @@ def test_a_poor_fit_takes_an_override_and_two_persons(browser, made, tmp_path): 
         form.locator("input[name=why]").fill("sample at risk")
         expect(form.get_by_role("button", name="ARM", exact=True)).to_be_disabled()  # without an override
         dark(a, "poor")
-        form.locator("input[name=override]").fill("2 mm will do")
+        form.locator("[name=override]").fill("will do")
+        expect(form).to_contain_text("at least 3 words; 2 so far")
+        expect(form.get_by_role("button", name="ARM", exact=True)).to_be_disabled()
+        form.locator("[name=override]").fill("2 mm will do")
+        asked(a, b, form)
         form.get_by_role("button", name="ARM", exact=True).click()
         expect(b.locator(".decide .steps")).to_contain_text("armed by key 1")
-        seen(b, "B. Second")
         act(b, "Put it in force", "GO", by="B. Second", why="agreed")
         expect(a.locator(".force code")).to_have_text(made.text)
         assert serious(b) == []
@@ -170,6 +173,38 @@ def test_a_poor_fit_takes_an_override_and_two_persons(browser, made, tmp_path): 
         ("arm", "2 mm will do"),
         ("approve", "2 mm will do"),
     ]
+
+
+def asked(a, b, form):
+    """B asks while A writes; A answers by the keyboard alone, and both look again."""
+    form.locator("[name=override]").focus()
+    act(b, "Write to the journal", "Write", by="B. Second", text="pose 7:\nin shadow?")
+    expect(b.locator(".remarks")).to_contain_text("open question")
+    expect(a.locator(".remarks")).to_contain_text("in shadow?")  # without a reload
+    expect(a.get_by_role("button", name="Arm the approval")).to_be_disabled()
+    expect(a.get_by_role("button", name="I have seen it")).to_be_focused()  # that comes next now
+    answer = a.get_by_role("button", name="Answer line")
+    answer.focus()
+    a.keyboard.press("Enter")
+    a.keyboard.press("Escape")
+    expect(answer).to_be_focused()
+    a.keyboard.press("Enter")
+    expect(a.get_by_role("textbox", name="Answer to B. Second")).to_be_focused()
+    a.keyboard.type("no: the lamp was on")
+    act(b, "Write to the journal", "Write", by="B. Second", text="pose 8 too?")
+    expect(a.locator(".remarks")).to_contain_text("pose 8 too?")
+    expect(a.get_by_role("textbox", name="Answer to B. Second")).to_be_focused()  # nothing typed is lost
+    expect(a.get_by_role("textbox", name="Answer to B. Second")).to_have_value("no: the lamp was on")
+    dark(a, "question")
+    assert serious(a) == []
+    a.keyboard.press("Tab")
+    a.keyboard.press("Enter")
+    for page in (a, b):
+        expect(page.locator(".remarks")).to_contain_text("question, answered")
+        expect(page.locator(".remarks .answered")).to_contain_text("no: the lamp was on")
+    seen(b, "B. Second")
+    seen(a, "A. First")  # what B asked too
+    expect(a.locator("[name=override]")).to_have_value("2 mm will do")
 
 
 def test_the_second_person_may_reject_what_the_first_has_armed(browser, made, tmp_path):  # noqa: F811

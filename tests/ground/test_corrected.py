@@ -337,7 +337,7 @@ def test_the_console_shows_open_questions_and_a_journal_that_does_not_verify(des
     asked = ("question", int(crc, 16), "B", "in\nshadow?", "", None, signer_of(own_key_file))
     record(desk.journal_path, *asked)
     (line,) = [text for text in desk.review(crc)["look_at"] if text.startswith("open question by B, ")]
-    assert "in shadow? (answer it" in line
+    assert line.endswith("(line 2 of the journal): in shadow?")
     for _ in range(2):
         desk.see(crc, "A")  # again, with the question
     assert [e.decision for e in desk.entries()] == ["seen", "question", "seen"]

@@ -301,6 +301,10 @@ def _desk_routes(console: Console) -> list[Route]:
     def crc(request: Request) -> str:
         return str(request.path_params["crc"])
 
+    def remark(desk: Desk, body: Plain, request: Request) -> Plain:
+        line = _number(body.get("answers", 0), "answers")
+        return desk.remark(crc(request), _text(body, "by"), _text(body, "text"), _text(body, "what"), line)
+
     def read(what: Callable[[Desk, Request], Any]) -> Callable[[Request], Any]:
         def answer(request: Request) -> Any:
             if console.desk is None:
@@ -320,7 +324,9 @@ def _desk_routes(console: Console) -> list[Route]:
         Route("/api/rollback/preview", _answer(read(lambda d, _r: d.rollback_preview()))),
         Route("/api/journal/missing", _answer(read(lambda d, _r: {"text": d.missing}))),
         Route("/api/journal", _answer(read(lambda d, _r: d.log()))),
-        route("/api/review/{crc}/seen", lambda d, b, r: d.see(crc(r), _text(b, "by"))),
+        Route("/api/journal/version", _answer(read(lambda d, _r: d.journal_version()))),
+        route("/api/review/{crc}/seen", lambda d, b, r: d.see(crc(r), _text(b, "by"), _text(b, "shown"))),
+        route("/api/review/{crc}/remark", remark),
         *(
             route(
                 f"/api/review/{{crc}}/{what}",

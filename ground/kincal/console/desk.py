@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from kincal.api import corrected, operate, previews
-from kincal.api.reviews import of_flight, questions, with_clearance
+from kincal.api.reviews import answered, of_flight, with_clearance
 from kincal.link import Link, crc_text, unsigned32
 from kincal.link.connection import LISTEN
 from kincal.link.eventfile import event_bytes
+from kincal.link.names import state_name
 from kincal.pages import review as review_pages
 from kincal.pages.page import Grid, Provenance
 from kincal.review import (
@@ -44,6 +45,7 @@ from kincal_shared.errors import BadInput, CommandFailed, KincalError
 from kincal_shared.keys import Signer, file_of, holder, other_than, signer_of
 from kincal_shared.keys import read as read_keys
 
+from . import remarks
 from .clearances import Clearances, Found
 from .document import document, plain_grid, section
 from .picture import Picture
@@ -122,10 +124,22 @@ class Desk:
         keys = file_of(self.key_file)
         return journal.inspect(self.journal_path, read_keys(keys) if keys.exists() else ())
 
+    def _sound(self) -> journal.Journal:
+        """The journal. BadInput if it was changed."""
+        keys = file_of(self.key_file)
+        return journal.read(self.journal_path, read_keys(keys) if keys.exists() else ())
+
     def entries(self) -> tuple[journal.Entry, ...]:
         """The lines of the journal. BadInput if it was changed."""
-        keys = file_of(self.key_file)
-        return journal.read(self.journal_path, read_keys(keys) if keys.exists() else ()).entries
+        return self._sound().entries
+
+    def journal_version(self) -> Plain:
+        """Changes whenever somebody writes into the journal, here or by another program."""
+        try:
+            found = self.journal_path.stat()
+        except OSError:
+            return {"version": ""}
+        return {"version": f"{found.st_ino} {found.st_mtime_ns} {found.st_size}"}
 
     def journal_missing(self) -> str:
         """Why a journal without a line is not that of a first start, with what to do: flight is asked once
@@ -320,7 +334,8 @@ class Desk:
         clear = self._clearance(found)
         known, why = (clear.corrected, clear.why) if clear else (None, "")
         found, changed, stands_out = with_clearance(found, self._changes(found, limits), known, why)
-        stands_out = [*_not_sound(kept), *stands_out, *questions([kept], crc)]
+        said = remarks.listed(kept, crc)
+        stands_out = [*_not_sound(kept), *_stands_out(stands_out, kept, crc)]
         lines_seen = [e for e in lines if e.decision == journal.SEEN]
         reasons = self._reasons(found, lines_seen)
         page = review_pages.page(
@@ -339,9 +354,11 @@ class Desk:
             "reasons": reasons,
             "look_at": [text for text in stands_out if text not in reasons],
             "waits": hk is not None and crc_text(hk.proposal_crc) == crc,
-            "seen_by": sorted({e.by for e in lines_seen if set(found.against) <= set(e.against)}),
+            "seen_by": _seen_by(kept, lines_seen, found.against),
             "lines": [_line(e) for e in lines],
-            "go": self.may_go(),
+            "go": {**self.may_go(), "override": self._go_needs_override(crc, kept, reasons)},
+            "remarks": said,
+            "shown": remarks.stamp(stands_out, said),
             "clearance": clear.as_dict() if clear else None,
         }
 
@@ -371,8 +388,26 @@ class Desk:
         waits = hk is not None and unsigned32(hk.proposal_crc) == found.crc
         return [*reasons, "flight has lost its verdict"] if waits and not hk.proposal_verdict else reasons
 
-    def see(self, crc: str, by: str) -> Plain:
-        """Write down that this person was shown the correction."""
+    def _go_needs_override(self, crc: str, kept: journal.Journal, reasons: Sequence[str]) -> bool:
+        """Whether the second step has to say why, because the journal of the first one is not this one."""
+        hk = self.picture.newest("KC_HK")
+        armed = hk is not None and state_name(hk.state) == "ARMED" and crc_text(hk.proposal_crc) == crc
+        return bool(armed and reasons) and decisions.first_step(kept.entries, crc, hk.armed_key) is None
+
+    def remark(self, crc: str, by: str, text: str, what: str, answers: int = 0) -> Plain:
+        """Write a comment or a question about a correction into the journal; answers: line of the question
+        that a comment answers, 0 if it answers none."""
+        if what not in journal.REMARKS:
+            raise BadInput(f"no such remark: {what}")
+        number, signer = parse_crc(crc), self._signer()
+        if answers:
+            answered(self.journal_path, signer, answers, number, what == journal.QUESTION)
+        record(self.journal_path, what, number, by.strip(), text.strip(), "", None, signer, answers=answers)
+        return {"ok": True, "text": f"{what} by {by.strip()} stands in the journal"}
+
+    def see(self, crc: str, by: str, shown: str | None = None) -> Plain:
+        """Write down that this person was shown the correction. shown: `shown` of the page that they looked
+        at, None if it is the page as it is now. CommandFailed if it says something else by now."""
         check_words(by, "seen")
         found, clear = self._found(crc), self._clearance(self._found(crc))
         if clear is not None and clear.status in ("running", "waiting"):
@@ -383,12 +418,16 @@ class Desk:
         known, why = (clear.corrected, clear.why) if clear else (None, "")
         limits = read_limits(self.tables_dir)
         found, _, stands_out = with_clearance(found, self._changes(found, limits), known, why)
-        open_, entries = self.inspect().open_questions(crc), self.entries()
-        stands_out = [*stands_out, *(journal.question_text(n, e) for n, e in open_.items())]
-        who = by.strip().casefold()
-        lines = [(n, e) for n, e in enumerate(entries, 1) if (e.crc, e.decision) == (crc, journal.SEEN)]
-        mine = [(n, e) for n, e in lines if e.by.casefold() == who]
-        if any(e.against == found.against and n > max(open_, default=0) for n, e in mine[-1:]):
+        kept = self._sound()
+        stands_out = _stands_out(stands_out, kept, crc)
+        if shown not in (None, remarks.stamp(stands_out, remarks.listed(kept, crc))):
+            raise CommandFailed(
+                f"the page of correction {crc} says more than the one that {by.strip()} was shown",
+                todo="it is drawn again: read what is new, above all questions and reasons to reject it, "
+                "then say that you have seen it",
+            )
+        mine = kept.seen_by(by, crc)
+        if mine and mine.against == found.against and not decisions.remarks_since(kept, mine, by):
             return {"ok": True, "text": f"{by} has seen correction {crc}"}
         why = "; ".join(stands_out) or "nothing stood out"
         record(self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, self._signer())
@@ -403,7 +442,7 @@ class Desk:
             if what == "arm":
                 decisions.arm(link, crc, who, override.strip(), against)
             elif what == "go":
-                decisions.go(link, crc, who, against)
+                decisions.go(link, crc, who, against, override.strip())
             elif what == "reject":
                 decisions.reject(link, crc, who)
             else:
@@ -441,6 +480,18 @@ def _outcome(tracked: operate.Tracked) -> Plain:
         "text": tracked.last_line,
         "steps": tracked.as_dict()["verifiers"],
     }
+
+
+def _seen_by(kept: journal.Journal, seen: Sequence[journal.Entry], against: Sequence[str]) -> list[str]:
+    """Who has seen a correction with these reasons against it, and all that others wrote of it."""
+    last = {e.by.strip().casefold(): e for e in seen}.values()
+    whole = [e for e in last if set(against) <= set(e.against)]
+    return sorted(e.by for e in whole if not decisions.remarks_since(kept, e, e.by))
+
+
+def _stands_out(found: Sequence[str], kept: journal.Journal, crc: str) -> list[str]:
+    """What stands out, with the open questions."""
+    return [*found, *(remarks.open_text(n, e) for n, e in kept.open_questions(crc).items())]
 
 
 def _not_sound(kept: journal.Journal) -> list[str]:

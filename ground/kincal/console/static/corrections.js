@@ -1,10 +1,12 @@
 // Corrections that were proposed: see, question, decide. The same page as `kincal review show`, the same steps as
 // `kincal review arm`, `go`, `reject`.
 import { el, fixed, mark, mission, prose, show } from "./dom.js";
-import { confirmed } from "./confirm.js";
+import { confirmed, onItsWay } from "./confirm.js";
 import { document_, grid } from "./document.js";
 import { question } from "./benchmore.js";
 import { ask, keep, kept, now_s, store, tell } from "./store.js";
+
+const LOOK_MS = 3000; // between two looks whether another program has written into the journal
 
 let parts = null, chosen = null, shown = null, stamp = {}, rolling = false; // rolling: the middle shows a rollback
 
@@ -42,6 +44,18 @@ export function update() {
   if (stamp.flight !== undefined && stamp.flight !== key) { load(); journal(); }
   stamp.flight = key;
   countdown();
+  elsewhere();
+}
+
+// What another program writes into the journal is shown here too.
+async function elsewhere() {
+  if (!store.about.live || store.lostSince_s !== null || Date.now() < (stamp.looked ?? 0) + LOOK_MS) return;
+  stamp.looked = Date.now();
+  let found;
+  try { found = (await ask("journal/version")).version; } catch { return; } // said by what needs the journal
+  if (!parts) return;
+  if (stamp.journal !== undefined && stamp.journal !== found) { load(); journal(); }
+  stamp.journal = found;
 }
 
 // ------------------------------------------------------------------ inbox
@@ -115,7 +129,7 @@ async function journal() {
   if (!lines.length) try { missing = (await ask("journal/missing")).text; } catch { /* said by the list itself */ }
   if (!parts || turn !== asked) return; // a later question is on its way
   show(parts.journal, el("h2", {}, "Journal"), missing ? el("p", { class: "bad missing" }, `◆ ${missing}`) : null, lines.length
-    ? el("ul", {}, lines.slice(0, 100).map((e) => el("li", {}, el("b", {}, `${e.text} ${e.crc}`), ` ${e.by}${e.key ? `, key ${e.key}` : ""}${e.armed_key ? ` (armed by key ${e.armed_key})` : ""}`, el("small", {}, `${e.time.replace("T", " ").replace("+00:00", " UTC")}: ${e.why}${e.override ? `; override: ${e.override}` : ""}${e.unfinished ? ". ▲ Nothing says what came of it: the state of flight does." : ""}`))))
+    ? el("ul", {}, lines.slice(0, 100).map((e) => el("li", {}, el("b", {}, `${e.text} ${e.crc}`), ` ${e.by}${e.key ? `, key ${e.key}` : ""}${e.armed_key ? ` (armed by key ${e.armed_key})` : ""}`, el("small", {}, `${utcText(e.time)}: ${e.why}${e.override ? `; override: ${e.override}` : ""}${e.unfinished ? ". ▲ Nothing says what came of it: the state of flight does." : ""}`))))
     : el("p", { class: "muted" }, "No decision was written yet."), el("p", { class: "muted small" }, store.about.journal));
 }
 
@@ -172,6 +186,26 @@ function computed(state, again, of, done) {
 // ------------------------------------------------------------------ decide
 
 function decide() {
+  if (onItsWay(shown.crc) && parts.decide.childElementCount) return; // drawn when the answer has come
+  const at = focused();
+  decision();
+  if (at) focusAgain(at);
+}
+
+// Where the keyboard is in the decision, and there again when it was drawn anew: else at what comes next.
+function focused() {
+  const node = document.activeElement;
+  if (!parts.decide.contains(node)) return null;
+  return { key: node.closest("[data-key]")?.dataset.key, name: node.name, from: node.selectionStart, to: node.selectionEnd };
+}
+function focusAgain({ key, name, from, to }) {
+  const box = [...parts.decide.querySelectorAll("[data-key]")].find((b) => b.dataset.key === key);
+  const node = (name && box?.querySelector(`[name="${name}"]`)) || box?.querySelector("button:enabled") || parts.decide.querySelector("li.next button:enabled");
+  node?.focus();
+  if (node && from !== undefined && from !== null && node.name === name) node.setSelectionRange(from, to);
+}
+
+function decision() {
   const { crc, found } = shown, hk = store.values.KC_HK?.data;
   const waits = hk?.proposal === crc, armed = waits && hk.state === "ARMED";
   const why = store.about.why_no_key;
@@ -183,26 +217,55 @@ function decide() {
   }
   const poor = found.reasons.length > 0, wait = computing(found.clearance) ? "clearance and reach are still being computed" : "";
   const again = () => { load(); journal(); };
+  const open = found.remarks.filter((r) => r.open).length; // they stand below, each with its answer
+  const first = [...found.look_at.filter((text) => !text.startsWith("open question by ")), ...(open ? [`${open} open question${open > 1 ? "s" : ""}, below`] : [])];
   show(parts.decide, el("h2", {}, "Decision"),
     poor ? el("div", { class: "bad" }, el("p", {}, "◆ There are reasons to reject it:"), el("ul", {}, found.reasons.map((r) => el("li", {}, r)))) : el("p", {}, wait ? `● No number fails its threshold so far; ${wait}.` : "● No number fails its threshold. Read the page beside before you decide."),
-    found.look_at.length ? el("div", { class: "attention" }, el("p", {}, "▲ Look at this first:"), el("ul", {}, found.look_at.map((r) => el("li", {}, r)))) : null,
+    first.length ? el("div", { class: "attention" }, el("p", {}, "▲ Look at this first:"), el("ul", {}, first.map((r) => el("li", {}, r)))) : null,
+    remarks(crc, found.remarks, why, again),
     el("ol", { class: "steps" },
-      el("li", { class: found.seen_by.length ? "done" : "next" }, el("b", {}, "Seen"), el("p", { class: "small" }, found.seen_by.length ? `by ${found.seen_by.join(", ")}` : "Who approves must have seen it: this is written into the journal."), seen(crc, again, wait)),
+      el("li", { class: found.seen_by.length ? "done" : "next" }, el("b", {}, "Seen"), el("p", { class: "small" }, found.seen_by.length ? `by ${found.seen_by.join(", ")}` : "Who approves must have seen it: this is written into the journal."), seen(crc, found.shown, again, wait)),
       el("li", { class: armed ? "done" : found.seen_by.length ? "next" : "" }, el("b", {}, "ARM"), twoPersons(hk, armed), armed ? el("p", { class: "small" }, hk.armed_key ? `armed by key ${hk.armed_key}` : "armed") : confirmed({
         label: "Arm the approval …", act: "ARM", path: `review/${crc}/arm`, key: `arm:${crc}`, disabled: why || wait || (found.seen_by.length ? "" : "nobody has seen it yet"), done: again,
-        more: poor ? [{ name: "override", label: "Override: why it is approved in spite of these reasons" }] : [],
+        more: poor ? [OVERRIDE] : [],
         text: () => `First step: flight is armed for correction ${crc}. Nothing is in force yet.`,
       })),
       el("li", { class: armed ? "next" : "" }, el("b", {}, "GO"), el("p", { class: "small countdown" }), otherKey(armed, found.go), armed ? confirmed({
         label: "Put it in force …", act: "GO", danger: true, path: `review/${crc}/go`, key: `go:${crc}`, disabled: why || found.go.why_not, done: again,
-        text: () => `Second step: correction ${crc} replaces ${hk.tables.KIN} for every motion from now on.`,
+        more: found.go.override ? [OVERRIDE] : [],
+        text: () => `Second step: correction ${crc} replaces ${hk.tables.KIN} for every motion from now on.${found.go.override ? " It was armed elsewhere: the journal of this console does not say why the reasons to reject it are overridden." : ""}`,
       }) : el("p", { class: "small muted" }, "after ARM"))),
     el("h2", {}, "Or reject it"), confirmed({
       label: "Reject …", act: "REJECT", danger: true, path: `review/${crc}/reject`, key: `reject:${crc}`, disabled: why, done: again,
       text: () => `Correction ${crc} is dropped for good; table ${hk.tables.KIN} stays in force. A new one needs a new calibration.`,
+    }),
+    el("h2", {}, "Ask or comment"), el("p", { class: "small muted" }, "A question stays open, for everybody who decides, until somebody answers it. Whoever has seen the correction before has to look at it again."), confirmed({
+      label: "Write to the journal …", act: "Write", path: `review/${crc}/remark`, key: `remark:${crc}`, disabled: why, done: again, fields: ["by"],
+      more: [{ name: "what", label: "Kind", value: "question", choices: [["question", "question, that somebody has to answer"], ["comment", "comment"]] }, { name: "text", label: "Text", long: true }],
+      text: () => `About correction ${crc}; the journal keeps it.`,
     }));
   countdown();
 }
+
+const OVERRIDE = { name: "override", label: "Override: why it is approved in spite of the reasons to reject it", long: true, words: 3 };
+
+// What people have asked and said of it, oldest first; an open question is answered here.
+function remarks(crc, list, why, again) {
+  if (!list.length) return null;
+  const answers = (line) => list.filter((r) => r.answers === line);
+  const head = (r) => el("p", {}, el("b", {}, `${r.open ? "▲ open question" : r.what === "question" ? "● question, answered" : r.answers ? "answer" : "comment"} `), el("small", {}, `${r.by}, key ${r.key}, ${utcText(r.time)}, line ${r.line}${r.answers ? `, to line ${r.answers}` : ""}`));
+  const one = (r) => el("li", { class: r.open ? "open" : "" }, head(r), el("p", { class: "pre" }, r.text),
+    ...answers(r.line).map((a) => el("div", { class: "answered" }, head(a), el("p", { class: "pre" }, a.text))),
+    r.open ? confirmed({
+      label: `Answer line ${r.line} …`, act: "Write the answer", path: `review/${crc}/remark`, key: `answer:${r.line}:${crc}`, disabled: why, done: again, fields: ["by"],
+      body: () => ({ what: "comment", answers: r.line }), more: [{ name: "text", label: `Answer to ${r.by}`, long: true }],
+      text: () => "The question is closed by it; the journal keeps both.",
+    }) : null);
+  const lines = new Set(list.map((r) => r.line));
+  return el("section", { class: "remarks", "aria-label": "Questions and comments" }, el("h2", {}, "Questions and comments"), el("ul", {}, list.filter((r) => !lines.has(r.answers)).map(one)));
+}
+
+const utcText = (time) => time.replace("T", " ").replace("+00:00", " UTC");
 
 function twoPersons(hk, armed) {
   return hk.two_holders && !armed ? el("p", { class: "small" }, "Two persons: GO has to be given with a key of another holder than ARM.") : null;
@@ -213,15 +276,17 @@ function otherKey(armed, go) {
   return armed && go.why_not ? el("p", { class: "attention small other-key" }, `▲ ${go.why_not}. This console signs with key ${go.key}: the second person gives GO at a console or terminal of his own.`) : null;
 }
 
-function seen(crc, again, wait) {
+function seen(crc, page, again, wait) {
   const input = el("input", { type: "text", name: "seen", autocomplete: "off", "aria-label": "Your name" });
   input.value = kept("by", "");
   input.addEventListener("input", () => keep("by", input.value));
-  const said = el("span", { class: "bad small", role: "alert" });
-  const form = el("form", { class: "seen" }, el("label", {}, "Your name", input), el("button", { type: "submit", disabled: Boolean(store.about.why_no_key || wait), title: wait || null }, "I have seen it"), said);
+  const said = el("span", { class: "bad small", role: "alert" }, stamp.notSeen ?? "");
+  stamp.notSeen = "";
+  const form = el("form", { class: "seen", "data-key": "seen" }, el("label", {}, "Your name", input), el("button", { type: "submit", disabled: Boolean(store.about.why_no_key || wait), title: wait || null }, "I have seen it"), said);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    try { await tell(`review/${crc}/seen`, { by: input.value }); again(); } catch (error) { show(said, error.message); }
+    try { await tell(`review/${crc}/seen`, { by: input.value, shown: page }); } catch (error) { stamp.notSeen = error.message; }
+    again();
   });
   return form;
 }
