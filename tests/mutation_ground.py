@@ -8,6 +8,8 @@ Rooms are named below: the modules that stand between a person and a wrong table
 a process of its own, forked from one that has NumPy and the rest loaded already, and the tests that reach its
 lines run there, what has killed and the quickest first, up to `patience` seconds of tests; one that fails or
 does not end kills it. Which tests reach a line is measured once (coverage), and again when files change.
+Tests that draw pictures are left out: a browser draws them, for seconds that count in no process here, and
+they kill nothing that others do not.
 
 The exit status is 1 if of a room fewer than 85 % of the mutants that are not equivalent are killed, or more
 than 5 % are alive with a reason in tests/mutation.csv. The sources in the tree are never touched; everything
@@ -49,6 +51,7 @@ LIMIT_BYTES = 6 << 30
 LIMIT_S = 10.0  # of the processor, and 20 times what a test takes
 CLOCK = 12.0  # times as long by the clock: the processor may be busy, and what only waits has to end too
 LATE = "no end of "
+DRAWS = "ground/kincal/pages/image.py", "_save"  # starts a browser
 PACKAGES = ("kincal", "kincal_shared")
 ROOMS = {
     "review": ("review/*.py", "api/reviews.py", "cli/review.py"),
@@ -274,6 +277,15 @@ def reach(jobs: int) -> Reach:
     return Reach(seconds, lines, of_files)
 
 
+def drawing(lines: dict[tuple[str, int], set[str]]) -> set[str]:
+    """Tests that reach the function which draws pictures."""
+    path, name = DRAWS
+    found = [n for n in ast.walk(ast.parse((ROOT / path).read_text())) if getattr(n, "name", "") == name]
+    (function,) = (node for node in found if isinstance(node, ast.AsyncFunctionDef))
+    body = {node.lineno for node in ast.walk(function) if isinstance(node, ast.stmt) and node is not function}
+    return set().union(*(lines.get((path, number), set()) for number in body))
+
+
 @functools.cache
 def naming(path: str) -> frozenset[str]:
     """Test files that import a module by name. What is run when it is loaded, such as the limits and defaults
@@ -415,6 +427,7 @@ class Trials:
     def __init__(self, jobs: int, patience_s: float) -> None:
         self.jobs, self.patience_s = jobs, patience_s
         self.reach = reach(jobs)
+        self.drawing = drawing(self.reach.lines)
         self.session: Any = None  # of pytest, with all tests collected
         self.sources = digest([*all_modules(), *helpers()])
         self.results = WORK / "tried.jsonl"
@@ -445,6 +458,7 @@ class Trials:
             files = naming(mutant.path)
             tests = {test for test in self.reach.tests if test.partition("::")[0] in files}
             tests |= self.reach.files.get(mutant.path, set())
+        tests = tests - self.drawing
         seconds, here = self.reach.tests, f"{mutant.path} {place.function}"
         first = {t: self.kills[here, t] + self.kills[mutant.path, t] for t in tests}
         chosen: list[str] = []

@@ -178,9 +178,11 @@ def test_a_poor_fit_takes_an_override_and_two_persons(browser, made, tmp_path): 
 def asked(a, b, form):
     """B asks while A writes; A answers by the keyboard alone, and both look again."""
     form.locator("[name=override]").focus()
-    act(b, "Write to the journal", "Write", by="B. Second", text="pose 7:\nin shadow?")
+    act(b, "Write to the journal", "Write", by="B. Second", text="pose 7:\nin \u202eshadow?")
     expect(b.locator(".remarks")).to_contain_text("open question")
-    expect(a.locator(".remarks")).to_contain_text("in shadow?")  # without a reload
+    expect(a.locator(".remarks")).to_contain_text(
+        "in \\x202eshadow?"
+    )  # not turned round
     expect(a.get_by_role("button", name="Arm the approval")).to_be_disabled()
     expect(a.get_by_role("button", name="I have seen it")).to_be_focused()  # that comes next now
     answer = a.get_by_role("button", name="Answer line")

@@ -119,6 +119,14 @@ def test_page_of_a_run_begins_with_what_came_out(written):
     assert "poses that were not measured" in verdict
 
 
+def test_what_a_browser_would_obey_is_shown_instead():
+    evil = "all \u202edoog si\u2066 \x1b[31m"
+    made = Page("Review", "t", evil, ORIGIN, [Section("a", evil, evil)], summary=[evil], verdict=evil)
+    text = page.render(made)
+    assert text.count("all \\x202edoog si\\x2066 \\x1b[31m") >= 4
+    assert not re.search("[\u202e\u2066\x1b]", without_scripts(text))
+
+
 def test_run_without_poses_still_gives_a_page():
     r = replace(result(), poses=(), coefs=(), curves=(), scene=None, before=None, after=None)
     assert "Poses" in page.render(run.page(r, ORIGIN))

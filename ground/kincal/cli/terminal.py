@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from kincal_shared.printable import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
 
 PIPE_WIDTH = 140  # columns, where there is no terminal to ask
-_CONTROL = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-)
-
-
-def printable(text: str) -> str:
-    """The same text with everything that a terminal would obey shown instead: names in logs, tables and
-    journals may hold escape sequences, or characters that turn the direction of what follows."""
-    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 def console() -> Console:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from kincal_shared.printable import printable
+
 _HERE = Path(__file__).resolve().parent
 # In the wheel the glossary lies beside this file, in the source tree in docs/.
 _PLACES = (_HERE / "GLOSSARY.md", _HERE.parents[2] / "docs" / "GLOSSARY.md")
@@ -62,7 +64,7 @@ class Linker:
 
     def linked(self, text: str) -> Markup:
         """The text as HTML, escaped; terms that were linked before stay plain."""
-        out, at = Markup(""), 0
+        out, at, text = Markup(""), 0, printable(text)
         for m in self._pattern.finditer(text):
             term = next(t for t in self._known if re.fullmatch(_words(t), m[0], re.I))
             out, at = out + text[at : m.start()] + self._link(term, m[0]), m.end()

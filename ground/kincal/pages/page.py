@@ -17,6 +17,7 @@ from plotly.offline import get_plotlyjs
 from kincal import __version__
 from kincal.pages import theme
 from kincal.pages.glossary import Linker, Term, terms_in
+from kincal_shared.printable import printable
 from kincal_shared.writing import write_file
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
@@ -133,6 +134,7 @@ def _environment() -> Environment:
     made = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
+        finalize=_shown,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -140,6 +142,11 @@ def _environment() -> Environment:
     made.filters["figure_json"] = _figure_json
     made.filters["data_json"] = _data_json
     return made
+
+
+def _shown(value: object) -> object:
+    """A text without what a browser would obey."""
+    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _figure_json(figure: go.Figure) -> Markup:

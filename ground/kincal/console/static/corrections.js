@@ -280,12 +280,12 @@ function seen(crc, page, again, wait) {
   const input = el("input", { type: "text", name: "seen", autocomplete: "off", "aria-label": "Your name" });
   input.value = kept("by", "");
   input.addEventListener("input", () => keep("by", input.value));
-  const said = el("span", { class: "bad small", role: "alert" }, stamp.notSeen ?? "");
-  stamp.notSeen = "";
+  const said = el("span", { class: "bad small", role: "alert" }, stamp.notSeen?.crc === crc ? stamp.notSeen.text : "");
   const form = el("form", { class: "seen", "data-key": "seen" }, el("label", {}, "Your name", input), el("button", { type: "submit", disabled: Boolean(store.about.why_no_key || wait), title: wait || null }, "I have seen it"), said);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    try { await tell(`review/${crc}/seen`, { by: input.value, shown: page }); } catch (error) { stamp.notSeen = error.message; }
+    stamp.notSeen = null;
+    try { await tell(`review/${crc}/seen`, { by: input.value, shown: page }); } catch (error) { stamp.notSeen = { crc, text: error.message }; }
     again();
   });
   return form;

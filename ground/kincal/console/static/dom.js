@@ -1,5 +1,10 @@
 // Elements, numbers and times. Text from outside only ever becomes a text node.
 
+// What a browser would obey is shown instead, as on a terminal: characters that turn the direction of what follows.
+const OBEYED = /[\u0000-\u0008\u000b-\u001f\u007f-\u009f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]/g;
+const shown = (child) => (typeof child === "string" ? child.replace(OBEYED, (c) => `\\x${c.charCodeAt(0).toString(16).padStart(2, "0")}`) : child);
+const inside = (children) => children.flat().filter((c) => c !== null && c !== undefined && c !== false).map(shown);
+
 export function el(tag, given = {}, ...children) {
   const made = document.createElement(tag);
   for (const [key, value] of Object.entries(given)) {
@@ -8,9 +13,9 @@ export function el(tag, given = {}, ...children) {
     else if (key === "style") for (const [name, v] of Object.entries(value)) made.style.setProperty(name, v);
     else if (key.startsWith("on")) made.addEventListener(key.slice(2), value);
     else if (value === true) made.setAttribute(key, "");
-    else made.setAttribute(key, value);
+    else made.setAttribute(key, key === "value" ? value : shown(value));
   }
-  made.append(...children.flat().filter((c) => c !== null && c !== undefined && c !== false));
+  made.append(...inside(children));
   return made;
 }
 
@@ -27,9 +32,9 @@ export function svg(tag, given = {}, ...children) {
 // Replaces the content of an element, unless it is the same text already.
 export function show(node, ...children) {
   if (children.length === 1 && typeof children[0] === "string") {
-    if (node.textContent !== children[0]) node.textContent = children[0];
+    if (node.textContent !== shown(children[0])) node.textContent = shown(children[0]);
   } else {
-    node.replaceChildren(...children.flat().filter((c) => c !== null && c !== undefined && c !== false));
+    node.replaceChildren(...inside(children));
   }
 }
 

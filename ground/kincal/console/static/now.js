@@ -14,6 +14,9 @@ const HEARD = [
   ["KC_HK", "housekeeping"], ["KC_ARM_STATE", "arm"], ["KC_PANTILT_STATE", "pan-tilt unit"],
   ["KC_DETECTION", "tag detection"], ["poses", "last pose"],
 ];
+// One axis over whole decades and thirds of them: by itself plotly writes "5" for 0.5, 5 and 50.
+const TICKS = [-3, -2, -1, 0, 1, 2, 3].flatMap((d) => [10 ** d, 3 * 10 ** d]);
+const DECADES = { tickmode: "array", tickvals: TICKS, ticktext: TICKS.map((v) => String(Number(v.toPrecision(1)))) };
 let parts = null, stamp = {}, drawnAt = 0, cost = 0, shownAt = 0, shownFrame = null, trail = [], trailOf = null, heardAt = 0, known = null;
 
 export function open(root) {
@@ -208,7 +211,7 @@ function poses(rows) {
     layout: {
       height: 170, margin: { l: 44, r: 8, t: 6, b: 30 }, paper_bgcolor: LIGHT.paper, plot_bgcolor: LIGHT.paper,
       font: { size: 11, color: LIGHT.ink }, xaxis: { ...axis, title: { text: "pose", standoff: 2 }, range: [0.5, Math.max(rows.at(-1).goal, x.length) + 0.5] },
-      yaxis: { ...axis, type: "log", title: { text: "position [mm]", standoff: 4 } }, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, font: { size: 10 } }, showlegend: true,
+      yaxis: { ...axis, type: "log", ...DECADES, title: { text: "position [mm]", standoff: 4 } }, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, font: { size: 10 } }, showlegend: true,
     },
   });
   show(parts.poses, el("table", {},
