@@ -117,6 +117,8 @@ def test_what_one_person_arms_another_lets_go_at_a_second_console(browser, made,
 
         act(b, "Put it in force", "GO", by="B. Second", why="agreed")
         expect(b.locator("#said")).to_contain_text("B. Second has not seen correction")
+        expect(b.locator(".journal")).to_contain_text("refused APPROVE_GO")  # it is drawn anew, with the reason
+        expect(b.locator(".steps form .bad").last).to_contain_text("has not seen correction")
         b.reload()
         expect(b.locator(".document h1")).to_contain_text(crc)
         b.get_by_role("link", name="Now").click()

@@ -1,7 +1,7 @@
 // An action that is never one click away: the first opens a form with what it would do and asks who and why,
 // the second does it. What is half typed is kept in this browser until it is sent.
-import { el, show } from "./dom.js";
-import { keep, kept, tell } from "./store.js";
+import { el, show, utc } from "./dom.js";
+import { keep, kept, now_s, tell } from "./store.js";
 import { say } from "./said.js";
 
 // label: of the first button; act: of the second; text(): what happens; path, body(): of the request; key: of
@@ -37,7 +37,7 @@ export function confirmed({ label, act, text, path, body = () => ({}), key, dang
     return [el("label", {}, title, made, hint), made];
   }
   let check = () => {};
-  function cancel() { draft.open = false; save(); closed(); box.querySelector("button").focus(); closing(); }
+  function cancel() { draft.open = false; delete draft.error; save(); closed(); box.querySelector("button").focus(); closing(); }
   function opened(focus) {
     const made = [...fields.map((name) => ({ name, label: labels[name] })), ...more].map((f) => [f.name, ...field(f)]);
     const go = el("button", { type: "submit", class: danger ? "danger" : "primary" }, act);
@@ -50,6 +50,8 @@ export function confirmed({ label, act, text, path, body = () => ({}), key, dang
       event.preventDefault();
       go.disabled = stop.disabled = true;
       sending.add(key);
+      delete draft.error;
+      show(said);
       go.textContent = "sent, waits for flight …";
       const words = Object.fromEntries(made.map(([name, , input]) => [name, input.value]));
       try {
@@ -63,7 +65,7 @@ export function confirmed({ label, act, text, path, body = () => ({}), key, dang
         done(answer);
       } catch (error) {
         sending.delete(key);
-        draft.error = error.message; // it is drawn anew
+        draft.error = `${utc(now_s())}: ${error.message}`; // it may be drawn anew
         save();
         show(said, error.message);
         say(error.message, false);
@@ -74,7 +76,6 @@ export function confirmed({ label, act, text, path, body = () => ({}), key, dang
       }
     });
     show(said, draft.error ?? "");
-    if (draft.error) { delete draft.error; save(); }
     show(box, form);
     if (preview) preview().then((nodes) => form.firstChild.after(el("div", { class: "preview" }, nodes)));
     check();
