@@ -117,7 +117,7 @@ def test_what_one_person_arms_another_lets_go_at_a_second_console(browser, made,
 
         act(b, "Put it in force", "GO", by="B. Second", why="agreed")
         expect(b.locator("#said")).to_contain_text("B. Second has not seen correction")
-        expect(b.locator(".journal")).to_contain_text("refused APPROVE_GO")  # it is drawn anew, with the reason
+        expect(b.locator(".journal")).to_contain_text("refused APPROVE_GO")  # drawn anew
         expect(b.locator(".steps form .bad").last).to_contain_text("has not seen correction")
         b.reload()
         expect(b.locator(".document h1")).to_contain_text(crc)
@@ -182,9 +182,7 @@ def asked(a, b, form):
     form.locator("[name=override]").focus()
     act(b, "Write to the journal", "Write", by="B. Second", text="pose 7:\nin \u202eshadow?")
     expect(b.locator(".remarks")).to_contain_text("open question")
-    expect(a.locator(".remarks")).to_contain_text(
-        "in \\x202eshadow?"
-    )  # not turned round
+    expect(a.locator(".remarks")).to_contain_text("in \\x202eshadow?")  # not turned round
     expect(a.get_by_role("button", name="Arm the approval")).to_be_disabled()
     expect(a.get_by_role("button", name="I have seen it")).to_be_focused()  # that comes next now
     answer = a.get_by_role("button", name="Answer line")

@@ -307,7 +307,8 @@ def _run(make: Callable[[Any], Any], given: Given, preview: Preview = Preview())
                 "is flight running on this URL? `kincal status`; ABORT is sent all the same",
             )
         if signer is None:
-            click.echo(f"no key: {request.opcode} is sent without a signature, which flight takes", err=True)
+            unsigned = f"no key file: {request.opcode} is sent without a signature, which flight takes"
+            click.echo(unsigned, err=True)
         tell = (lambda _step: None) if given["as_json"] else (lambda step: text.step(out, step))
         tracked = operate.act(link, request, _operator(given), snapshot, tell)
     if given["as_json"]:
@@ -345,7 +346,7 @@ def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, previe
             _preview(snapshot, preview)
         text.unmet(console(), request.opcode, found, age, snapshot.state)
         if link.signer is None and request.opcode in operate.UNSIGNED:
-            say("no key: it would be sent without a signature, which flight takes, and not be written down")
+            say("no key file: it would be sent without a signature, which flight takes, and written nowhere")
     if found:
         raise SystemExit(1)
 
