@@ -175,6 +175,7 @@ def see(tmp_path, journal, p=None, by="A. Reviewer"):
 def test_approval_is_two_commands_bound_to_the_crc_and_recorded(tmp_path, journal):
     shown = see(tmp_path, journal)
     assert "pred_pos_m 0.30 mm predicted position error" in shown and "does not hold" not in shown
+    assert "page: " in shown and "review-fedcba98.html" in shown
     assert "review arm" in shown and "note in the journal" not in shown  # --by has just noted it
     with FakeFlight(CRC) as flight:
         run = decide(flight, "arm", journal)
@@ -190,6 +191,7 @@ def test_approval_is_two_commands_bound_to_the_crc_and_recorded(tmp_path, journa
     lines = review.check_journal(journal)
     assert [e.decision for e in lines] == ["seen", "attempt", "arm", "attempt", "approve"]
     assert [e.command for e in lines] == ["", "APPROVE_ARM", "", "APPROVE_GO", ""]
+    assert {e.armed_key for e in lines} == {0}  # this flight names none
     entries = decided(lines)
     assert {(e.crc, e.by, e.session, e.verdict) for e in entries} == {
         ("fedcba98", "A. Reviewer", 3, "change proposed")
@@ -427,7 +429,10 @@ def last_line(journal):
 
 def test_an_open_question_is_named_to_whoever_decides_until_a_comment_answers_it(tmp_path, journal):
     see(tmp_path, journal)
-    assert comment(journal, "pose 7 in shadow?", "--question", "--crc", "fedcba98").exit_code == 0
+    run = comment(journal, "pose 7 in shadow?", "--question", "--crc", "fedcba98")
+    assert run.exit_code == 0 and run.output == f"recorded in {journal}: question by B. Second\n"
+    nobody = CliRunner().invoke(main, ["review", "comment", "who says so?", "--journal", str(journal)])
+    assert nobody.exit_code == 2 and "Missing option '--by'" in nobody.output
     assert comment(journal, "who is on shift?", "--question").exit_code == 0  # about the mission
     open_ = "open question by B. Second, "
     with FakeFlight(CRC) as flight:

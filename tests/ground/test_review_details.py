@@ -305,6 +305,9 @@ def test_the_likeliest_choice_comes_first_and_doubt_asks_for_an_override():
     assert verbs(change, ["bad"]) == ["reject", "arm", "go"] and overrides(change, ["bad"]) == ["arm"]
     assert verbs("", []) == ["reject", "arm", "go"] and overrides("", []) == ["arm"]
     assert verbs(change, [], armed=True) == ["go", "reject"]
+    for reasons in ([], ["bad"]):
+        said = " ".join(c.what for c in choices(CRC, change, reasons))
+        assert ("in spite of the reasons to reject it" in said) == bool(reasons)
     assert all(c.command.endswith(" --keys k") for c in choices(CRC, change, [], options=" --keys k"))
     assert see_first(CRC).command == f"kincal review show LOG --crc {CRC:08x} --by NAME"
 
