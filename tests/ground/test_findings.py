@@ -197,6 +197,7 @@ def test_poses_that_would_not_decide_are_not_advised(found):
     assert "flex and slip apart: these 1 would not decide (power 0.04); about 16 such poses" in step.why
     assert "(power 0.04)" in poses_text([weak])
     [step] = steps(strong)
+    assert "--count 1 flex slip" in step.command
     assert step.command.startswith("kincal model next ") and "would not decide" not in poses_text([strong])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import resource
 import stat
@@ -14,10 +15,12 @@ from pathlib import Path
 import poses
 import pytest
 from click.testing import CliRunner
+from commands import kincal
 
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
 from kincal_shared.errors import BadInput
+from kincal_shared.letters import unseen
 from kincal_shared.writing import write_file, write_files
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -217,3 +220,24 @@ def test_of_several_files_all_are_written_or_none(tmp_path):
     with no_room(), pytest.raises(BadInput, match="File too large"):
         write_files({tmp_path / "old": "new", tmp_path / "new" / "small": "", tmp_path / "large": "x" * 101})
     assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("char", ["\u3164", "\u115f", "\u2800", "\u200b", "\ufe0f", "\u00a0", "\n"])
+def test_names_with_characters_that_are_not_shown_are_refused(tmp_path, char):
+    """Two model files that look alike were two."""
+    done = kincal("add", "--model", tmp_path / f"M{char}.toml", "base_flex")
+    assert done.exit_code == EXIT_INPUT
+    assert f"holds U+{ord(char):04X}, which is not shown" in done.output
+    assert list(tmp_path.iterdir()) == []
+    effects = tmp_path / "my.toml"
+    entry = '[[effect]]\nname = "{}"\n[[effect.parameter]]\nname = "{}"\nsigma = 1.0\n'
+    entry += '[[effect.parameter.term]]\nat = "joint[1]"\nbasis = "q1"\n'
+    for names in ((f"mi{char}ne", "k"), ("mine", f"k{char}")):
+        effects.write_text(entry.format(*(json.dumps(name)[1:-1] for name in names)))
+        done = kincal("effects", "--effects", effects)
+        assert done.exit_code == EXIT_INPUT, done.output
+
+
+def test_letters_of_any_script_are_shown():
+    assert unseen("\uae38 Pr\u00fcfstand \u03b1 2.toml") == ""
+    assert unseen("bytes that are no text \udc80") == ""

@@ -15,10 +15,12 @@ from commands import kincal
 from real_arms import DATA
 
 from kincal import workbench as wb
+from kincal.api.case import Case
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
 from kincal.workbench.comparison.compare import compare
 from kincal.workbench.diagnosis.advised import advised, joined
+from kincal.workbench.prediction.measurable import Limits
 from kincal.workbench.report import advice
 from kincal_shared.schema.names import split_constants, with_constants
 
@@ -90,21 +92,24 @@ def test_commands_of_a_diagnosis_of_a_real_set_give_what_it_promises(name, tmp_p
         assert answer["remainder"]["held"]["pos_mm"] <= 1.60
 
 
-def test_a_table_that_leaves_something_out_states_its_own_error(tmp_path, monkeypatch):
+@pytest.mark.parametrize("split", [True, False])
+def test_a_table_that_leaves_something_out_states_its_own_error(tmp_path, monkeypatch, split):
     """The UR5 has parallel axes: what a DH table has no place for is said, with the error of the table, which
-    is that of the exported arm as it stands."""
+    is that of the exported arm as it stands: fitted to all poses where the file keeps none back. There .144
+    mm was promised, of a table of the fit poses alone, and .167 mm came."""
     monkeypatch.chdir(tmp_path)
-    header, *rows = (DATA / "ur5" / "ur5.csv").read_text().split("\n")
-    rows = [f"{row},{'held' if k % 4 == 3 else 'fit'}" for k, row in enumerate(filter(None, rows))]
-    (tmp_path / "d.csv").write_text("\n".join([f"{header},split", *rows]) + "\n")
+    header, *rows = filter(None, (DATA / "ur5" / "ur5.csv").read_text().split("\n"))
+    if split:
+        header = f"{header},split"
+        rows = [f"{row},{'held' if k % 4 == 3 else 'fit'}" for k, row in enumerate(rows)]
+    (tmp_path / "d.csv").write_text("\n".join([header, *rows]) + "\n")
     sources = f"--arm {DATA / 'ur5' / 'ur5.toml'} --data d.csv"
     run(f"kincal model fit {sources} --model M.toml")
     done = kincal("export", "--model", "M.toml", "--format", "dh", "-o", "c.toml")
-    assert (
-        "DH beta, worth 0.14 mm" in done.output and "--format urdf, json, python and c hold it" in done.output
-    )
+    assert "DH beta, worth 0.1" in done.output and "--format urdf, json, python and c hold it" in done.output
     table, whole = re.search(
-        r"held-out poses: ([0-9.]+) mm with this table, ([0-9.]+) mm", done.output
+        r"held-out poses: ([0-9.]+) mm with this table as it stands \(`compare --arm`\), ([0-9.]+) mm",
+        done.output,
     ).groups()
     delivered = json.loads(run("kincal model compare --arm c.toml --data d.csv --json"))["errors"][0]
     assert delivered["model"] == "nominal"
@@ -116,6 +121,15 @@ def test_a_table_that_leaves_something_out_states_its_own_error(tmp_path, monkey
     d = SimpleNamespace(comparison=comparison, advised=SimpleNamespace(errors=()))
     [_, step] = advice._calibrating(d, advice.Inputs("ur5.toml", ("--data", "d.csv")))
     assert f"leaves some of it out: held-out error {table} mm" in step.why
+
+
+def test_the_power_of_next_poses_is_that_of_the_command_for_them():
+    """The diagnosis said .04 of the Franka arm's, and the command .14: other poses, beside another model."""
+    arm = wb.read_arm(DATA / "fr3" / "fr3.toml")
+    case = Case(arm, wb.read_measurements(DATA / "fr3" / "fr3.csv", arm))
+    poses = case.advise(case.diagnose())
+    assert poses
+    assert poses == case.separating_poses(poses[0].separates, count=len(poses), limits=Limits())
 
 
 # ------------------------------------------------------------------------------------- constants

@@ -10,15 +10,14 @@ from kincal.workbench.comparison.compare import Comparison, compare
 from kincal.workbench.comparison.fitting import FitResult, fit
 from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.diagnosis import Diagnosis, diagnose
-from kincal.workbench.diagnosis.competing import advise
+from kincal.workbench.diagnosis.competing import advise, separating_poses
 from kincal.workbench.evidence.constants import choose_constants
-from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.model.effects import Hypothesis, Library
 from kincal.workbench.model.modelfile import ModelFile
 from kincal.workbench.numerics.background import Begin, when_asked
 from kincal.workbench.numerics.types import Progress, no_progress
 from kincal.workbench.prediction.measurable import Limits
-from kincal.workbench.prediction.nextposes import NextPose, next_poses
+from kincal.workbench.prediction.nextposes import NextPose
 from kincal.workbench.report.content import ReportContent, report_content
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.arm import ArmTable
@@ -80,12 +79,10 @@ class Case:
     ) -> tuple[NextPose, ...]:
         """The poses that separate alternative effects best. BadInput if those are not two or more."""
         check_alternatives(alternatives)
-        effects = [
-            choose_constants(self.library, [name], self.arm, self.data, dh=self.dh, joined=True)[0]
-            for name in alternatives
-        ]
-        fitted = fit_model(self.arm, self.data, self.hypotheses, dh=self.dh)
-        return next_poses(fitted, effects, count=count, limits=limits)
+        return separating_poses(
+            self.arm, self.data, self.library, self.hypotheses, alternatives,
+            dh=self.dh, count=count, limits=limits,
+        )  # fmt: skip
 
 
 def check_alternatives(names: Sequence[str]) -> None:

@@ -11,6 +11,7 @@ import click
 
 from kincal.cli.terminal import say
 from kincal_shared.errors import BadInput
+from kincal_shared.letters import unseen
 from kincal_shared.writing import is_stream
 
 _WRITABLE = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK  # a pipe that nobody reads is no place to write
@@ -26,7 +27,7 @@ class OutputFile(click.ParamType[Path]):
 
     def convert(self, value: Any, _param: click.Parameter | None, _ctx: click.Context | None) -> Path:
         """The path. BadInput says why nothing can be written there."""
-        path = Path(value)
+        path = _seen(value)
         if self.suffixes and path.suffix.lower() not in self.suffixes:
             kinds = " or ".join(self.suffixes)
             raise BadInput(f"{path.name} cannot be written as {path.suffix or 'a file without suffix'}",
@@ -51,9 +52,17 @@ class OutputFolder(click.ParamType[Path]):
 
     def convert(self, value: Any, _param: click.Parameter | None, _ctx: click.Context | None) -> Path:
         """The path. BadInput says why nothing can be written there."""
-        path = Path(value)
+        path = _seen(value)
         _check_folder(path, path)
         return path
+
+
+def _seen(value: Any) -> Path:
+    """The path. BadInput if its name holds what is not shown: nobody could tell it from another one."""
+    path = Path(value)
+    if code := unseen(str(path)):
+        raise BadInput(f"the name holds {code}, which is not shown", ascii(str(path)), "name another file")
+    return path
 
 
 def _check_folder(folder: Path, path: Path) -> None:

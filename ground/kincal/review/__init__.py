@@ -29,6 +29,7 @@ from kincal.link.names import (
 from kincal.tables import unit_of
 from kincal_shared.errors import BadInput
 from kincal_shared.keys import Key, Signer
+from kincal_shared.letters import unseen
 
 from . import journal as journals
 from .journal import Entry as Entry
@@ -393,7 +394,7 @@ def check_words(by: str, why: str) -> None:
         )
     if any("\ud800" <= letter <= "\udfff" for letter in by + why):
         raise BadInput("the name or the reason is no text", todo="write it in UTF-8")
-    if not by.isprintable():
+    if unseen(by):
         raise BadInput(
             f"the name holds a line break or another character that is not shown: {by!r}",
             todo="write it in one line of letters that are shown",

@@ -19,6 +19,7 @@ import pydantic
 from numpy.typing import NDArray
 
 from kincal_shared.errors import BadInput
+from kincal_shared.letters import unseen
 
 from .base import Strict
 from .errors import Contradiction, parse_toml, read_toml, validate
@@ -206,6 +207,13 @@ class ArmFile(Strict):
     """The target, where the points behind a pose are known."""
     provenance: dict[str, str] = {}
     """Where the numbers come from."""
+
+    @pydantic.field_validator("name")
+    @classmethod
+    def _is_seen(cls, name: str) -> str:
+        if code := unseen(name):
+            raise ValueError(f"holds {code}, which is not shown; write letters that are")
+        return name
 
     @pydantic.field_validator("gravity_m_s2")
     @classmethod

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 import pydantic
 
+from kincal_shared.letters import unseen
+
 from .base import Strict
 from .datamap import RECORDED
 from .errors import Contradiction, Problem, SchemaError, parse_toml, validate
@@ -41,6 +43,13 @@ class ParameterEntry(Strict):
     those with terms."""
     term: list[TermEntry] = pydantic.Field(default=[], examples=["at least one [[effect.parameter.term]]"])
     """Terms of the coefficient."""
+
+    @pydantic.field_validator("name")
+    @classmethod
+    def _is_seen(cls, name: str) -> str:
+        if code := unseen(name):
+            raise ValueError(f"holds {code}, which is not shown; write letters that are")
+        return name
 
     @pydantic.model_validator(mode="after")
     def _does_something(self) -> ParameterEntry:
@@ -112,7 +121,7 @@ class EffectEntry(Strict):
     @pydantic.field_validator("name")
     @classmethod
     def _is_a_name(cls, name: str) -> str:
-        if not name.isidentifier():
+        if not name.isidentifier() or unseen(name):
             raise ValueError(f"is {name!r}; letters, digits and _ are needed")
         return name
 

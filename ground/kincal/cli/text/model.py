@@ -168,8 +168,8 @@ def _without_them(made: Exported, form: str, fit: FitEntry | None) -> Iterator[s
         return
     if fit is not None and fit.held_mm is not None and fit.held_table_mm is not None:
         yield (
-            f"  error on the held-out poses: {fit.held_table_mm:.3f} mm with this table, "
-            f"{fit.held_mm:.3f} mm with all that was fitted"
+            f"  error on the held-out poses: {fit.held_table_mm:.3f} mm with this table as it stands "
+            f"(`compare --arm`), {fit.held_mm:.3f} mm with all that was fitted to the other poses"
         )
     yield "  --format urdf, json, python and c hold it"
 

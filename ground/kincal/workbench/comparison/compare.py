@@ -119,11 +119,12 @@ class Comparison:
     def table_error(self) -> PosRot | None:
         """Error on the held-out poses of what a DH table holds of a calibration without effects, where that
         is less than all of it: no turns between parallel axes. None otherwise, or if no poses are held
-        out."""
-        part = self.fit_part
-        if self.held_data is None or part.hypotheses or not any(map(is_beta, part.names)):
+        out. The table is that which is exported, fitted to all poses: that of the fit poses alone leaves
+        other turns out, and its error differs by more than a tenth."""
+        whole = self.fit_all
+        if self.held_data is None or whole.hypotheses or not any(map(is_beta, whole.names)):
             return None
-        table = replace(part, estimate=given_no_beta(part.names, part.estimate, part.cov))
+        table = replace(whole, estimate=given_no_beta(whole.names, whole.estimate, whole.cov))
         return rms(table.predict(self.held_data))
 
     @cached_property

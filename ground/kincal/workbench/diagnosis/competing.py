@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from kincal_shared.schema.arm import ArmTable
+
+from ..data.measurements import Measurements
 from ..evidence.constants import choose_constants
 from ..fit.least_squares import fit_model
-from ..model.effects import Library
-from ..prediction.nextposes import NextPose, next_poses
+from ..model.effects import Hypothesis, Library
+from ..prediction.measurable import Limits
+from ..prediction.nextposes import AS_MEASURED, NextPose, next_poses
 from .findings import Diagnosis
 
 _CERTAIN = 0.9  # probability from which on an effect needs no more poses
@@ -13,18 +19,32 @@ _MOST_COMPETING = 4
 
 
 def advise(diagnosis: Diagnosis, library: Library, *, count: int = 4) -> tuple[NextPose, ...]:
-    """Poses to measure next when two or more effects still compete; empty otherwise."""
-    final = diagnosis.final
+    """Poses to measure next when two or more effects still compete; empty otherwise. The same as
+    `separating_poses` of the given model, so that the command that is advised says the same of them."""
     names = _competing(diagnosis, library)[:_MOST_COMPETING]
     if len(names) < 2:
         return ()
-    known = {h.name: dict(h.constants) for h in final.hypotheses if h.constants}
-    effects = [
-        choose_constants(library, [name], final.arm, final.data, joined=True, known=known)[0]
-        for name in names
-    ]
-    plain = fit_model(final.arm, final.data, frames=(final.base, final.tool))
-    return next_poses(plain, effects, count=count)
+    given = diagnosis.comparison.fit_all
+    dh = any(name.startswith("J1.") for name in given.names)
+    data = diagnosis.comparison.data
+    return separating_poses(given.arm, data, library, given.hypotheses, names, dh=dh, count=count)
+
+
+def separating_poses(
+    arm: ArmTable,
+    data: Measurements,
+    library: Library,
+    hypotheses: Sequence[Hypothesis],
+    alternatives: Sequence[str],
+    *,
+    dh: bool,
+    count: int,
+    limits: Limits = AS_MEASURED,
+) -> tuple[NextPose, ...]:
+    """The poses that separate alternative effects best beside a model, fitted to all poses. hypotheses, dh:
+    of the model."""
+    effects = [choose_constants(library, [name], arm, data, dh=dh, joined=True)[0] for name in alternatives]
+    return next_poses(fit_model(arm, data, hypotheses, dh=dh), effects, count=count, limits=limits)
 
 
 def _competing(diagnosis: Diagnosis, library: Library) -> list[str]:

@@ -32,7 +32,7 @@ _TRIES = 160
 _BATCH, _MOST_DRAWN = 8, 200  # poses drawn at once, and at most, for each that is wanted
 _NODES = 40
 _CAMERA = ("cam_p_m", "cam_quat_wxyz", "pan_rad", "tilt_rad", "range_m", "incid_rad", "u_px", "v_px")
-_AS_MEASURED = Limits()
+AS_MEASURED = Limits()
 EVEN = 0.5  # power from which on poses are worth measuring
 _TELLS_APART = 2.0 * np.log(9.0) + 2.0  # chi^2 that moves even odds of two effects to 90 %
 
@@ -80,7 +80,7 @@ def next_poses(
     effects: Sequence[Hypothesis],
     *,
     count: int = 8,
-    limits: Limits = _AS_MEASURED,
+    limits: Limits = AS_MEASURED,
     tries: int = _TRIES,
     seed: int = 1,
 ) -> tuple[NextPose, ...]:

@@ -181,7 +181,8 @@ def _measuring(poses: Sequence[NextPose], inputs: Inputs) -> Iterator[Step]:
     elif poses:
         names = poses[0].separates
         why = f"poses that separate {explain.listed(names)}"
-        yield Step(why, _kincal("next", *inputs.sources, *inputs.diagnosed, *names))
+        words = (*inputs.sources, *inputs.diagnosed, "--count", str(len(poses)), *names)
+        yield Step(why, _kincal("next", *words))
 
 
 def _excluding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
