@@ -218,14 +218,11 @@ def from_prior(rng: np.random.Generator) -> Case:
 
 
 def quick_cases() -> list[Case]:
-    """Eleven fixed ones, for `make test`; `make blind` tests the shares."""
+    """Seven fixed ones, for `make test`; `make blind` tests the shares."""
     return [
-        *[Case("none")] * 2,
+        Case("none"),
         Case("none, noise x1.5", extra={"noise": 1.5}),
         Case("alone", ("compliance[all]",)),
-        Case("alone", ("hysteresis[all]",)),
-        Case("alone", ("ratio[2]",)),
-        Case("alone", ("second_tag",), n=60),
         Case("two", ("second_tag", "hysteresis[all]")),
         Case("deleted", ("hysteresis[all]",), without=RIGHT["hysteresis"]),
         Case("outliers", ("encoder_step[2]",), extra={"outliers": 0.05}),
@@ -685,7 +682,7 @@ def table(results: list[Evaluated]) -> list[str]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--quick", action="store_true", help="eleven cases")
+    parser.add_argument("--quick", action="store_true", help="seven cases")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--share", type=float, default=1.0, help="scales the number of cases")
     parser.add_argument("--seed", type=int, default=1)

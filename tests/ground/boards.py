@@ -74,7 +74,7 @@ def aimed(rng) -> np.ndarray | None:
         turn = Rotation.from_matrix(got[:3, :3].T @ R).as_rotvec()
         return np.r_[10.0 * (got[:3, 3] - want), turn, 0.02 * (q - START)]
 
-    q = least_squares(gap, START + rng.normal(0.0, 0.2, 7), max_nfev=60).x
+    q = least_squares(gap, START + rng.normal(0.0, 0.2, 7), ftol=1e-3, xtol=1e-3, max_nfev=60).x
     low, high = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
     return q if np.abs(gap(q)[:6]).max() < 0.1 and np.all((q > low) & (q < high)) else None
 

@@ -4,6 +4,10 @@ from click.testing import CliRunner
 
 from kincal.cli import main
 
+# Keys of the figures of a report that names an effect.
+FIGURES = ("found-1", "models", "posterior", "suspects", "map", "vectors", "variables", "joints",
+           "confounding", "harm")  # fmt: skip
+
 
 def shell(*args):
     """Result of a command of `kincal`, whatever it ends with."""

@@ -1,6 +1,7 @@
 """Fresh environments: a wheel and the packages that it declares, linked from the environment of the tests, so
 that no network is needed."""
 
+import json
 import os
 import re
 import subprocess
@@ -9,6 +10,7 @@ import zipfile
 from importlib.metadata import distribution
 from importlib.util import cache_from_source
 from pathlib import Path
+from types import SimpleNamespace
 
 from packaging.requirements import Requirement
 
@@ -85,3 +87,35 @@ def environment(home, wheel, extras=()):
     pip = [sys.executable, "-m", "pip", "--python", python]  # a pip of its own would take seconds
     run(*pip, "install", "--quiet", "--no-deps", "--no-index", wheel, cwd=home)
     return home
+
+
+# As the program `kincal` does, each in a process of its own, forked where what most of them need is loaded
+# already, but nothing that an extra brings. Its answer goes to files NUMBER.out and NUMBER.err.
+RUNNER = """
+import gc, json, os, sys
+import scipy.stats
+import kincal.pages.review, kincal.review.decisions, kincal.workbench
+from kincal.cli import main
+answers, *calls = json.loads(sys.argv[1])
+gc.freeze()  # no child goes through what is loaded
+statuses = []
+for number, words in enumerate(calls):
+    pid = os.fork()
+    if pid == 0:
+        for stream, kind in ((1, "out"), (2, "err")):
+            os.dup2(os.open(f"{answers}/{number}.{kind}", os.O_WRONLY | os.O_CREAT), stream)
+        main(words, prog_name="kincal")
+        raise SystemExit("kincal returned")
+    statuses.append(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+print(json.dumps(statuses))
+"""
+
+
+def forked(home, folder, answers, calls):
+    """Status, output and messages of commands of `kincal`, run one after the other in a folder."""
+    said = run(home / "bin" / "python", "-c", RUNNER, json.dumps([str(answers), *calls]), cwd=folder)
+    return [
+        SimpleNamespace(returncode=status, stdout=out, stderr=err)
+        for number, status in enumerate(json.loads(said))
+        for out, err in [[(answers / f"{number}.{kind}").read_text() for kind in ("out", "err")]]
+    ]

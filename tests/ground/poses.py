@@ -64,16 +64,16 @@ def tool_pose(q: np.ndarray, dh_error: np.ndarray) -> np.ndarray:
     return out @ tool
 
 
-def look_from(point: np.ndarray) -> np.ndarray:
-    """Rotation of a camera at CAMERA_M that looks at a point: z forward, y down."""
-    z = (point - CAMERA_M) / np.linalg.norm(point - CAMERA_M)
+def look_from(points: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) rotations of a camera at CAMERA_M that looks at each of the points: z forward, y down."""
+    z = (points - CAMERA_M) / np.linalg.norm(points - CAMERA_M, axis=1, keepdims=True)
     x = np.cross([0.0, 0.0, -1.0], z)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)
 
 
 def quat_wxyz(matrix: np.ndarray) -> np.ndarray:
-    return np.roll(Rotation.from_matrix(matrix).as_quat(), 1)
+    return Rotation.from_matrix(matrix).as_quat(scalar_first=True)
 
 
 def poses_csv(path: Path, n: int, seed: int, true_q=None, *, dh_size: float = 3e-3,
@@ -89,23 +89,29 @@ def poses_csv(path: Path, n: int, seed: int, true_q=None, *, dh_size: float = 3e
     header += [f"c{i + 1}{j + 1}" for i, j in zip(*upper, strict=True)]
     header += [f"dir{j}" for j in range(1, 8)]
     header += ["temp_c", "cx", "cy", "cz", "cqw", "cqx", "cqy", "cqz"]
+    q, direction, pose, aside, noise, temp_c = [], [], [], [], [], []
+    for _ in range(n):
+        q.append(rng.uniform(low, high))
+        direction.append(rng.choice([-1.0, 1.0], 7))
+        pose.append(tool_pose(q[-1] if true_q is None else true_q(q[-1], direction[-1]), dh_error))
+        aside.append(rng.normal(0.0, 0.08, 3))
+        noise.append(rng.normal(size=6) * SIGMA * noise_size)
+        temp_c.append(rng.uniform(-5, 45))
+    pose, noise = np.array(pose), np.array(noise)
+    aim = look_from(pose[:, :3, 3] + aside)
+    block = np.kron(np.eye(2), aim)
+    cov = block @ np.diag(SIGMA**2) @ block.transpose(0, 2, 1)
+    p = pose[:, :3, 3] + np.einsum("nij,nj->ni", aim, noise[:, :3])
+    turn = Rotation.from_rotvec(np.einsum("nij,nj->ni", aim, noise[:, 3:])).as_matrix()
+    camera, sensor = np.tile(CAMERA_M, (n, 1)), quat_wxyz(aim)
+    columns = [60.0 * np.arange(n)[:, None], q, p]
+    if not position_only:
+        columns.append(quat_wxyz(turn @ pose[:, :3, :3]))
+    columns += [cov[:, *upper], direction, np.array(temp_c)[:, None], camera, sensor]
     with path.open("w", newline="") as file:
         out = csv.writer(file)
         out.writerow(header)
-        for i in range(n):
-            q = rng.uniform(low, high)
-            direction = rng.choice([-1.0, 1.0], 7)
-            pose = tool_pose(q if true_q is None else true_q(q, direction), dh_error)
-            aim = look_from(pose[:3, 3] + rng.normal(0.0, 0.08, 3))
-            noise = rng.normal(size=6) * SIGMA * noise_size
-            block = np.kron(np.eye(2), aim)
-            cov = block @ np.diag(SIGMA**2) @ block.T
-            p = pose[:3, 3] + aim @ noise[:3]
-            turned = Rotation.from_rotvec(aim @ noise[3:]).as_matrix() @ pose[:3, :3]
-            row = [f"p{i}", 60.0 * i, *q, *p]
-            if not position_only:
-                row += list(quat_wxyz(turned))
-            out.writerow([*row, *cov[upper], *direction, rng.uniform(-5, 45), *CAMERA_M, *quat_wxyz(aim)])
+        out.writerows([f"p{i}", *row] for i, row in enumerate(np.hstack(columns).tolist()))
     return path
 
 

@@ -70,13 +70,6 @@ def test_every_kind_can_be_shown(kind):
     assert f"{kind} table, layout {LAYOUT.get(kind, 1)}" in shown.output
 
 
-def test_space_show_draws(tmp_path):
-    done = invoke("space", "show", BIN / "space.tbl", "--tables", BIN, "--picture", tmp_path / "s.png")
-    assert done.exit_code == 0, done.output
-    assert re.search(r"built for the arm table here +yes", done.output)
-    assert (tmp_path / "s.png").stat().st_size > 30_000
-
-
 @pytest.mark.parametrize(
     "args",
     [

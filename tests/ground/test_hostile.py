@@ -277,7 +277,7 @@ def damaged(data, rng):
 
 def test_of_fields_that_may_be_anything_only_errors_for_people_come_out(tmp_path):
     path, rng, slowest = tmp_path / "x.lcmlog", np.random.default_rng(23), 0.0
-    for _ in range(150):
+    for _ in range(60):
         record(path, *messages(rng))
         begun = time.process_time()
         looked_at(path)
@@ -289,14 +289,14 @@ def test_of_a_file_of_any_bytes_only_errors_for_people_come_out(tmp_path):
     path, rng = tmp_path / "x.lcmlog", np.random.default_rng(24)
     whole = record(path, *messages(rng)).read_bytes()
     read = 0
-    for _ in range(150):
+    for _ in range(60):
         path.write_bytes(damaged(whole, rng))
         try:
             looked_at(path)
             read += 1
         except KincalError:
             pass
-    assert read > 100  # what is left of it is still read
+    assert read > 40  # what is left of it is still read
 
 
 # ------------------------------------------------------------------------ arrays
@@ -329,7 +329,7 @@ def test_a_damaged_npz_gives_an_error_for_people(tmp_path):
     path = tmp_path / "x.npz"
     np.savez_compressed(path, q=np.zeros((20, 7)), p=np.zeros((20, 3)))
     whole, rng = path.read_bytes(), np.random.default_rng(25)
-    for _ in range(200):
+    for _ in range(80):
         data = bytearray(whole)
         for _ in range(int(rng.integers(1, 6))):
             data[rng.integers(4, len(data))] = rng.integers(256)

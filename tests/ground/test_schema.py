@@ -3,6 +3,7 @@
 import copy
 import json
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,7 @@ ALSO = {
 }
 
 
+@cache
 def example(kind):
     """A document in which every table of the kind occurs."""
     doc = read_toml(SHIPPED[kind]) if kind in SHIPPED else {}

@@ -5,15 +5,16 @@ the environment of the tests, so that no network is needed."""
 
 import ctypes
 import json
+import struct
 import zipfile
 from pathlib import Path
-from types import SimpleNamespace
 
 import click
 import numpy as np
 import poses
 import pytest
-from environments import child, run
+from commands import FIGURES
+from environments import forked, run
 
 from kincal.cli import main
 
@@ -188,41 +189,12 @@ def commands(group=main, prefix=""):
             yield f"{prefix}{name}"
 
 
-# As the program `kincal` does, each in a process of its own, forked where what most of them need is loaded
-# already, but nothing that an extra brings. Its answer goes to files NUMBER.out and NUMBER.err. With nothing
-# loaded begin the commands of the user's day below, of README and tutorial.
-RUNNER = """
-import gc, json, os, sys
-import scipy.stats
-import kincal.pages.review, kincal.review.decisions, kincal.workbench
-from kincal.cli import main
-answers, *calls = json.loads(sys.argv[1])
-gc.freeze()  # no child goes through what is loaded
-statuses = []
-for number, words in enumerate(calls):
-    pid = os.fork()
-    if pid == 0:
-        for stream, kind in ((1, "out"), (2, "err")):
-            os.dup2(os.open(f"{answers}/{number}.{kind}", os.O_WRONLY | os.O_CREAT), stream)
-        main(words, prog_name="kincal")
-        raise SystemExit("kincal returned")
-    statuses.append(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
-print(json.dumps(statuses))
-"""
-
-
 def called(home, user, answers, names):
     """name -> status, output and messages of each command, run one after the other in the user's folder."""
     tables = next(home.glob("lib/*/site-packages/kincal/_tree/tables"))
     (user / "new").mkdir(exist_ok=True)
     calls = [[*name.split(), *(word.format(tables=tables) for word in CALLS[name])] for name in names]
-    said = child(home / "bin" / "python", "-c", RUNNER, json.dumps([str(answers), *calls]), cwd=user)
-    assert said.returncode == 0, said.stderr
-    done = {}
-    for number, (name, status) in enumerate(zip(names, json.loads(said.stdout), strict=True)):
-        out, err = ((answers / f"{number}.{kind}").read_text() for kind in ("out", "err"))
-        done[name] = SimpleNamespace(returncode=status, stdout=out, stderr=err)
-    return done
+    return dict(zip(names, forked(home, user, answers, calls), strict=True))
 
 
 def test_every_command_is_tried():
@@ -266,6 +238,14 @@ def test_command_that_an_extra_is_for_runs_with_it(name, equipped):
     assert done.returncode in (0, 1), done.stderr
 
 
+@pytest.mark.usefixtures("equipped")
+def test_report_of_a_diagnosis_has_a_picture_of_every_figure(user):
+    made = {path.stem.removeprefix("report-"): path.read_bytes() for path in user.glob("new/report-*.png")}
+    assert set(made) == set(FIGURES)
+    for png in made.values():
+        assert png.startswith(b"\x89PNG") and min(struct.unpack(">II", png[16:24])) > 100
+
+
 def test_page_is_written_without_the_image_extra_and_says_why_there_is_no_picture(clean, user):
     done = clean["review show"]
     assert "no pictures" in done.stderr
@@ -276,16 +256,13 @@ def test_page_is_written_without_the_image_extra_and_says_why_there_is_no_pictur
 # --------------------------------------------------------------------------- a user's day
 
 
-def test_workbench_runs_from_another_folder_on_a_users_own_arm(plain, user, tmp_path):
-    kincal = plain / "bin" / "kincal"
+def test_workbench_runs_from_another_folder_on_a_users_own_arm(plain, user, clean, tmp_path):
+    """With nothing loaded begins the diagnosis here, and the commands of README and tutorial."""
     where = run(plain / "bin" / "python", "-c", "import kincal; print(kincal.__file__)", cwd=tmp_path)
     assert str(plain) in where
     given = ("--arm", user / "arm.toml", "--data", user / "poses.csv")
-    got = json.loads(run(kincal, "model", "diagnose", *given, "--json", cwd=tmp_path))
+    got = json.loads(run(plain / "bin" / "kincal", "model", "diagnose", *given, "--json", cwd=tmp_path))
     assert (got["verdict"], got["effects"][0]["name"]) == ("effect", "backlash[4]")
-    run(kincal, "model", "add", "--model", "M.toml", "backlash[4]", cwd=tmp_path)
-    assert "noise floor" in run(kincal, "model", "fit", *given, "--model", "M.toml", cwd=tmp_path)
-    run(kincal, "model", "uplink", "--model", "M.toml", cwd=tmp_path)
-    assert "terms" in run(kincal, "table", "check", "M.tbl", cwd=tmp_path)
-    wam = run(kincal, "model", "compare", "--arm", "wam", "--data", user / "poses.csv", cwd=tmp_path)
-    assert "WAM" in wam
+    for name, words in (("model fit", "noise floor"), ("model uplink", "terms"), ("model compare", "WAM")):
+        assert clean[name].returncode == 0, clean[name].stderr
+        assert words in clean[name].stdout

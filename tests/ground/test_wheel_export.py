@@ -6,7 +6,7 @@ import csv
 
 import numpy as np
 import pytest
-from environments import run
+from environments import forked
 from exports import CModule, python_module
 
 import kincal
@@ -93,15 +93,16 @@ def folder(full, tmp_path_factory):
     mapping = ("--units", "deg,mm", "--column", "q=A{} [deg]", "--column", "p=X,Y,Z")
     mapping += ("--rotation", "euler-ZYX=A,B,C")
     model = ("--model", "M.toml")
-    for command in (
+    commands = (
         ("arm", "import", "robot.urdf", "--base", "base_link", "--tip", "tool0", "-o", "arm.toml"),
         ("model", "add", *model, *EFFECTS),
         ("model", "fit", "--arm", "arm.toml", "--data", "poses.csv", *mapping, *model),
         ("model", "export", *model, "--format", "urdf", "-o", "calibrated.urdf"),
         ("model", "export", *model, "--format", "c", "-o", "calibrated.c"),
         ("model", "export", *model, "--format", "python", "-o", "calibrated.py"),
-    ):
-        run(full / "bin" / "kincal", *command, cwd=out)
+    )
+    for done in forked(full, out, tmp_path_factory.mktemp("answers"), commands):
+        assert done.returncode == 0, done.stderr
     return out
 
 

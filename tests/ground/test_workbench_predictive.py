@@ -13,7 +13,7 @@ from kincal.workbench.diagnosis.guard import never_worse, without_doubtful
 from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.diagnosis.states import Kept, Selection
 from kincal.workbench.diagnosis.study import TURNS, Study
-from kincal.workbench.diagnosis.support import Support, of_turns
+from kincal.workbench.diagnosis.support import of_turns, worse_blocks
 from kincal.workbench.fit.columns import Columns
 from kincal.workbench.fit.least_squares import find_frames, fit_model, rms
 from kincal.workbench.fit.thinning import MANY, PART, part_of, spread, thinned
@@ -114,8 +114,8 @@ class Held:
     def explains(self, _model):
         return self.known_noise
 
-    def support(self, _model, h):
-        return Support(self.factor[h.name], 0.5, ("time block",) if h.name in self.worse else ())
+    def worse_blocks(self, _model, h):
+        return ("time block",) if h.name in self.worse else ()
 
     def held_square(self, model):
         return self._spread * np.prod([self.factor[h.name] ** 2 for h in model])
@@ -257,8 +257,9 @@ def test_an_effect_that_only_turns_is_supported_unless_positions_suffer():
 def test_a_block_that_becomes_much_worse_takes_the_support_away():
     found = of_turns(*gaining(200, 0.3), 5)
     before, _ = gaining(30, 0.0)
-    assert found.beside({"time block": before}, {"time block": 1.05 * before}) == found
-    bad = found.beside({"region": before, "time block": before}, {"region": before, "time block": 9 * before})
+    assert found.beside(worse_blocks({"time block": before}, {"time block": 1.05 * before})) == found
+    after = {"region": before, "time block": 9 * before}
+    bad = found.beside(worse_blocks({"region": before, "time block": before}, after))
     assert (bad.worse, found.worse) == (("time block",), ())
     assert bad.probability < 0.05 < 0.9 < found.probability
 

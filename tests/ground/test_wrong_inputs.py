@@ -438,8 +438,10 @@ def with_euler(folder, axes, scale=1.0):
     rows(change)(folder)
 
 
-@pytest.mark.parametrize(("is_", "said"), [("ZYX", "XYZ"), ("xyz", "XYZ"), ("xyz", "ZYX"), ("ZYZ", "ZYX")])
-@pytest.mark.parametrize("frames", ["known", "unknown"])
+@pytest.mark.parametrize(
+    ("is_", "said", "frames"),
+    [("ZYX", "XYZ", "known"), ("xyz", "XYZ", "known"), ("ZYZ", "ZYX", "known"), ("xyz", "ZYX", "unknown")],
+)
 def test_the_order_of_euler_angles_is_named(folder, is_, said, frames):
     with_euler(folder, is_)
     if frames == "unknown":

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -360,6 +361,7 @@ def read_arm(path: str | Path) -> ArmTable:
     return _arm(validate(ArmFile, content, str(path)), str(path), path.stem)
 
 
+@cache
 def read_shipped(name: str) -> ArmTable:
     """A shipped arm table by its name, whatever lies in the current folder. KeyError if there is none."""
     with resources.as_file(shipped_arms()[name]) as file:

@@ -136,11 +136,7 @@ def _useless(study: Study, model: Model, gains: Sequence[tuple[HeldGain, Kept]])
     """The effect that helps least, of those from which held-out poses gain nothing, or which make a block of
     poses much worse; None if all help."""
 
-    def stretched(k: Kept) -> bool:
-        support = study.support(model, k.effect)
-        return support is not None and bool(support.worse)
-
-    ratios = [(gain.ratio, k) for gain, k in gains if gain.nothing or stretched(k)]
+    ratios = [(gain.ratio, k) for gain, k in gains if gain.nothing or study.worse_blocks(model, k.effect)]
     return max(ratios, key=lambda pair: pair[0])[1] if ratios else None
 
 

@@ -26,7 +26,7 @@ from ..prediction.reachable import PosRot
 from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
 from .posterior import Posterior
 from .subsets import fewest_joints, joints_with
-from .support import Support, of_turns
+from .support import Support, of_turns, worse_blocks
 
 Model = tuple[Hypothesis, ...]
 """The effects of a model beside DH, frames and what was given."""
@@ -250,10 +250,20 @@ class Study:
     def support(self, model: Model, h: Hypothesis) -> Support | None:
         """What poses that were not fitted say of an effect beside the others of a model; None where too few
         poses are there, or too few coefficients are left."""
-        if not self.can_take_turns or len(h.parameters) > room_for(self.fit(model).parameters):
+        if not self._can_test(model, h):
             return None
         without, with_it = self._without_and_with(model, h)
         return self._remembered(("support", without, with_it), lambda: self._supported(without, with_it))
+
+    def worse_blocks(self, model: Model, h: Hypothesis) -> tuple[str, ...]:
+        """Those of `support` that an effect makes worse, without what takes longer: poses in turns."""
+        return self._worse_blocks(*self._without_and_with(model, h)) if self._can_test(model, h) else ()
+
+    def _can_test(self, model: Model, h: Hypothesis) -> bool:
+        return self.can_take_turns and len(h.parameters) <= room_for(self.fit(model).parameters)
+
+    def _worse_blocks(self, without: Model, with_it: Model) -> tuple[str, ...]:
+        return worse_blocks(self._in_blocks(without, with_it), self._in_blocks(with_it, with_it))
 
     def _supported(self, without: Model, with_it: Model) -> Support:
         if self._pool.n <= _FITTED_ANEW:
@@ -269,8 +279,7 @@ class Study:
             before = np.vstack([before, self._held_residual(without, held)])
             after = np.vstack([after, self._held_residual(with_it, held)])
             groups = _together(groups, self._pool.n, held)
-        stretched = self._in_blocks(without, with_it), self._in_blocks(with_it, with_it)
-        return of_turns(before, after, TURNS, groups).beside(*stretched)
+        return of_turns(before, after, TURNS, groups).beside(self._worse_blocks(without, with_it))
 
     def _in_blocks(self, model: Model, near: Model) -> dict[str, Array]:
         """(M, c) residuals [m, rad] of an unseen region, a time block and one direction of approach (of many

@@ -39,10 +39,15 @@ class Support:
     probability: float
     worse: tuple[str, ...] = ()
 
-    def beside(self, before: Mapping[str, Array], after: Mapping[str, Array]) -> Support:
-        """The same with blocks of poses: residuals (M, c) by name, without and with the effect."""
-        worse = tuple(name for name, r in before.items() if _much_worse(r, after[name]))
+    def beside(self, worse: tuple[str, ...]) -> Support:
+        """The same with the blocks of poses that the effect makes worse."""
         return replace(self, probability=min(self.probability, _CONTRADICTED), worse=worse) if worse else self
+
+
+def worse_blocks(before: Mapping[str, Array], after: Mapping[str, Array]) -> tuple[str, ...]:
+    """Names of the blocks whose error an effect makes grow by more than a tenth, beyond chance; of residuals
+    (M, c) by name, without and with it."""
+    return tuple(name for name, r in before.items() if _much_worse(r, after[name]))
 
 
 def of_turns(before: Array, after: Array, folds: int, groups: Groups | None = None) -> Support:

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -342,8 +343,7 @@ class Library:
     @classmethod
     def load(cls, *user_files: str | Path) -> Library:
         """The built-in effects and those of a user's files. BadInput names file, effect and key."""
-        text = resources.files(__package__).joinpath("effects.toml").read_text(encoding="utf-8")
-        effects = _effects(text, "effects.toml")
+        effects = [*_built_in()]
         for path in user_files:
             mine = _effects(_read(path), str(path))
             taken = {effect.name for effect in effects}
@@ -447,6 +447,12 @@ def _read(path: str | Path) -> str:
         return utf8_text(Path(path))
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", str(path)) from None
+
+
+@cache
+def _built_in() -> tuple[Effect, ...]:
+    text = resources.files(__package__).joinpath("effects.toml").read_text(encoding="utf-8")
+    return tuple(_effects(text, "effects.toml"))
 
 
 def _effects(text: str, source: str) -> list[Effect]:
