@@ -953,3 +953,25 @@ void test_bounds_count_as_the_sigma_between_them(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-9 * cases[i][2], cases[i][2] / sqrt(12.0), kc_est_bound_sigma(&coef));
     }
 }
+
+/* Where data are few: by the bounds only if asked and if no coefficient is held. */
+void test_which_prior_a_coefficient_has(void)
+{
+    const kc_coef_t *k = &s_terms.coef[5];
+    for (uint32_t i = 0u; i < 16u; i++) {
+        double centre = 9.0;
+        given_session(&s_est, &s_arm, &s_terms, s_truth, 1u, 0.0);
+        s_terms.coef[5].prior_sigma = 0.004;
+        s_est.start[5] = 0.03;
+        s_est.weak = i & 1u;
+        s_est.by_bounds = i >> 1u & 1u;
+        s_est.hold_none = i >> 2u & 1u;
+        s_est.opt.use_prior = i >> 3u & 1u;
+        const double sigma = (i & 8u) != 0u   ? 0.004
+                             : (i & 1u) == 0u ? INFINITY
+                             : (i & 6u) == 6u ? kc_est_bound_sigma(k)
+                                              : KC_EST_WEAK_SIGMA * k->scale;
+        TEST_ASSERT_EQUAL_DOUBLE(1.0 / sigma, kc_est_prior_precision(&s_est, 5u, &centre));
+        TEST_ASSERT_EQUAL_DOUBLE((i & 8u) != 0u ? 0.0 : 0.03, centre);
+    }
+}

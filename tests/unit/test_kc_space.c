@@ -167,6 +167,7 @@ void test_the_servo_bound_of_every_joint_must_be_positive_and_finite(void)
         expect_refused(-1, NAN);
     }
     s_s.servo_bound[s_arm.n_joints] = 0.0f; /* there is no such joint */
+    s_s.servo_bound[0] = 1e-3f;
     expect_valid(&s_arm);
 }
 
