@@ -472,8 +472,10 @@ void test_a_local_initial_pose_outside_the_initial_list_is_refused(void)
 
 void test_a_reserve_pose_that_is_no_local_initial_pose_is_refused(void)
 {
-    s_s.cand[4].why = KC_CAND_RESERVE | 1u;
-    expect_refused(4, (double)(KC_CAND_RESERVE | 1u));
+    for (int32_t c = 0; c < 9; c += 4) {
+        s_s.cand[c].why = KC_CAND_RESERVE | 1u;
+        expect_refused(c, (double)(KC_CAND_RESERVE | 1u));
+    }
 }
 
 void test_a_volume_that_is_none_is_refused(void)
