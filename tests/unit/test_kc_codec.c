@@ -191,20 +191,24 @@ void test_infinity_is_named_as_not_finite(void)
 
 void test_a_unit_quaternion_is_accepted_within_a_millionth(void)
 {
-    double q[4] = {1.0 + 9e-7, 0.0, 0.0, 0.0};
+    double q[4] = {1.0 + 9e-7, 0.0, 0.0, 0.0}, shorter[4] = {0.0, 0.0, 1.0 - 9e-7, 0.0};
     float f[4] = {0.5f, 0.5f, -0.5f, 0.5f};
     s_w.mode = KC_WALK_CHECK;
     kc_walk_quat(&s_w, 1u, q);
+    kc_walk_quat(&s_w, 1u, shorter);
     kc_walk_quatf(&s_w, 1u, f);
     TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
 }
 
 void test_a_quaternion_off_the_unit_norm_is_refused(void)
 {
-    double q[4] = {1.0 + 2e-6, 0.0, 0.0, 0.0};
-    s_w.mode = KC_WALK_CHECK;
-    kc_walk_quat(&s_w, 5u, q);
-    expect_refused(KC_EVT_TBL_NOT_UNIT, 5u, 1.0 + 2e-6);
+    for (double norm = 1.0 - 2e-6; norm < 1.0 + 3e-6; norm += 4e-6) {
+        double q[4] = {0.0, norm, 0.0, 0.0};
+        setUp();
+        s_w.mode = KC_WALK_CHECK;
+        kc_walk_quat(&s_w, 5u, q);
+        expect_refused(KC_EVT_TBL_NOT_UNIT, 5u, norm);
+    }
 }
 
 void test_a_quaternion_with_nan_is_refused_once(void)
