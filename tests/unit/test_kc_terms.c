@@ -136,6 +136,14 @@ void test_wrong_counts_are_refused(void)
     refused_for(KC_JOINT_MAX + 1u, -1, KC_JOINT_MAX + 1.0);
 }
 
+void test_bounds_that_meet_are_bounds(void)
+{
+    int32_t index = -9;
+    double got = -9.0;
+    s_t.coef[6].lb = s_t.coef[6].ub;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got));
+}
+
 void test_wrong_coefficients_are_refused_by_number(void)
 {
     s_t.coef[5].name[0] = '\0';
