@@ -489,6 +489,8 @@ static void add_coef_rows(const kc_terms_t *terms, const double *weight, bool ca
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
         if (on_camera_side(t) != camera_side) { continue; }
+        /* What is not constant is listed, so add_listed has set its weight.
+         * NOLINTNEXTLINE(clang-analyzer-core.uninitialized.Assign) */
         const double w = is_constant(t) ? t->gain : weight[k];
         double *row = ev->J[t->coef];
         if (kc_is_zero(w)) { continue; }

@@ -12,7 +12,7 @@ from kincal import workbench as wb
 from kincal.workbench.diagnosis.guard import never_worse, without_doubtful
 from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.diagnosis.states import Kept, Selection
-from kincal.workbench.diagnosis.study import TURNS, Study
+from kincal.workbench.diagnosis.study import Study
 from kincal.workbench.diagnosis.support import of_turns, worse_blocks
 from kincal.workbench.fit.columns import Columns
 from kincal.workbench.fit.least_squares import find_frames, fit_model, rms
@@ -270,7 +270,7 @@ def test_poses_in_turns_are_predicted_linearly_as_by_new_fits(tmp_path):
     [h] = LIBRARY.find("encoder_eccentricity[2]", arm, data)
     for model in ((), (h,)):
         fit = study.fit(model)
-        linear, anew = predicted(fit, TURNS), study._predicted_in_turns(model)
+        linear, anew = predicted(fit, study._turns), study._predicted_in_turns(model)
         assert rms(linear) == pytest.approx(rms(anew), rel=0.01)
         assert np.abs(linear - anew).max() < 0.1 * np.abs(anew).max()
         assert rms(linear)[0] > rms(fit.evaluation.r)[0], "poses that were not fitted are predicted worse"
