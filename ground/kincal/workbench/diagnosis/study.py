@@ -271,8 +271,8 @@ class Study:
         else:  # linear at the fit of each: to fit anew takes far longer and says the same
             before, after = (predicted(self.fit(some), self._turns) for some in (without, with_it))
         if self.in_stretches:
-            told = of_turns(before, after, TURNS, stretches(self._pool, 2 * TURNS))
-            return told.beside(self._worse_blocks(without, with_it))
+            found = of_turns(before, after, TURNS, stretches(self._pool, 2 * TURNS))
+            return found.beside(self._worse_blocks(without, with_it))
         groups = self._pool.repeats
         if self.comparison.split.given and (held := self.comparison.held_data) is not None:
             before = np.vstack([before, self._held_residual(without, held)])
