@@ -10,6 +10,7 @@ that it took and those of the processors.
 
 Tests are counted from the JUnit files that CTest and pytest wrote, never from exit codes; a step
 without tests (lint, size ...) or one that fails without a failed test counts as one failure when it fails.
+So does one that is ended because it took too long; a test that hangs is ended before (timeout in pytest.ini).
 """
 
 import argparse
@@ -17,6 +18,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
 import xml.etree.ElementTree as ET
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -33,6 +35,10 @@ REPORT = {
     "live-test": "live.xml",
     "lint-test": "lint.xml",
 }
+
+
+# A step that hangs must not take the others' results with it: CI ends after 5400 s.
+LIMIT_S = 2700.0
 
 
 def count(report: Path) -> tuple[int, int, int]:
@@ -55,7 +61,10 @@ def run(step: str, logs: Path, processors: int) -> tuple[int, float, float]:
             ["make", "--no-print-directory", f"-j{processors}", "-k", step, f"PROCESSORS={processors}"],
             stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
         )  # fmt: skip
+        limit = threading.Timer(LIMIT_S, process.terminate)  # make ends what it has started
+        limit.start()
         _, status, usage = os.wait4(process.pid, 0)  # its own, and of all that it waited for
+        limit.cancel()
         process.returncode = os.waitstatus_to_exitcode(status)
     return process.returncode, time.monotonic() - start, usage.ru_utime + usage.ru_stime
 

@@ -289,8 +289,9 @@ def test_two_consoles_agree_and_the_second_one_completes_what_the_first_began(fl
         assert a.desk.review(crc)["go"] == {
             "key": 1,
             "why_not": f"GO has to be given with {keys.other_than(1)}",
+            "override": False,
         }
-        assert b.desk.review(crc)["go"] == {"key": 101, "why_not": ""}
+        assert b.desk.review(crc)["go"] == {"key": 101, "why_not": "", "override": False}
         sent = len(flight.commands)
         with pytest.raises(CommandFailed, match="another key than key 1"):
             a.desk.decide("go", crc, Words("A", "clean"))

@@ -507,6 +507,20 @@ def test_a_step_has_the_processors_that_it_is_given_and_keeps_its_log(tmp_path, 
     assert (tmp_path / "lint.txt").read_text() == "--no-print-directory -j2 -k lint PROCESSORS=2\n"
 
 
+def test_a_step_that_hangs_is_ended_and_fails_and_the_others_keep_their_results(
+    tmp_path, monkeypatch, capsys
+):
+    make = tmp_path / "make"  # the real one ends its jobs too when it is ended
+    make.write_text('#!/bin/sh\necho "$@"\ncase "$*" in *hangs*) exec sleep 600;; esac\n')
+    make.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    suite = module(TESTS / "suite.py")
+    monkeypatch.setattr(suite, "LIMIT_S", 0.5)
+    done = suite.run_all([], ["hangs", "good"], tmp_path, tmp_path, 1)
+    assert {d["step"]: d["failed"] for d in done} == {"hangs": 1, "good": 0}
+    assert "FAIL  hangs" in capsys.readouterr().out
+
+
 def test_no_test_at_all_is_a_failure(tmp_path):
     command = [sys.executable, TESTS / "suite.py", "--junit", tmp_path, "--sum"]
     done = subprocess.run(command, capture_output=True, text=True)
