@@ -101,7 +101,10 @@ static range_t arm_range(const kc_arm_t *arm, const kc_basis_t *b)
     case KC_VAR_LEVY:
     case KC_VAR_LEVZ:
         return within(g * stretched(arm, KC_LEVER_LINK(b->index)).tool_m); /* no body is farther */
-    default: return within(g); /* components of gravity */
+    case KC_VAR_GX:
+    case KC_VAR_GY:
+    case KC_VAR_GZ: return within(g);
+    default: return within(ARG_MAX); /* its range is not stated here: no bound on it holds */
     }
 }
 

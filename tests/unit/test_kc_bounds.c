@@ -169,6 +169,13 @@ void test_variables_that_the_arm_table_bounds(void)
     expect_size(9.81, KC_VAR_GZ, 3u);
 }
 
+void test_a_variable_without_a_range_is_outside_every_bound(void)
+{
+    for (uint8_t var = KC_VAR_PNP_TX; var < KC_VAR_COUNT; var++) {
+        expect_size(1e12, var, 1u); /* flight computes none; a new one stays refused until it has a range */
+    }
+}
+
 void test_gravity_moments_are_of_all_that_is_beyond_at_full_length(void)
 {
     /* beyond frame 6: link 7 with its centre of mass 0.06 m and 3.35 mm away, tool another 0.1 m on */
