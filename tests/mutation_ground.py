@@ -214,6 +214,7 @@ class Recorder:
 def pytest_arguments(files: Sequence[str]) -> list[str]:
     (WORK / "tmp").mkdir(exist_ok=True)
     options = ["-q", "-m", "not slow", "-c", str(TESTS / "pytest.ini"), "-W", "ignore"]
+    options += ["-p", "no:timeout"]  # a mutant's own limit has the same timer
     options.append(f"--basetemp={scratch(os.getpid())}")
     return [*options, *(str(TESTS / name) for name in files)]
 
