@@ -30,10 +30,24 @@ def tutorial(clone, tmp_path_factory):
     return clone / gen_tutorial.OUT, text, gen_tutorial.perform(text, shell)
 
 
-def diagnosis(tutorial, log):
-    """What the page's diagnosis of a log printed."""
-    (said,) = (s.output for s in tutorial[2] if f"diagnose --arm wam --data out/tutorial/{log}" in s.commands)
+def output(tutorial, command):
+    """What the block of the page with this command printed."""
+    (said,) = (step.output for step in tutorial[2] if command in step.commands)
     return said
+
+
+def test_what_moves_the_real_arm_is_named_and_the_commands_of_its_diagnosis_give_what_it_promises(tutorial):
+    """Predicted better than by independent fits."""
+    said, fits = (
+        output(tutorial, "diagnose --arm docs/data/wam/"),
+        output(tutorial, "bash -e out/tutorial/wam.sh"),
+    )
+    promised = re.findall(r"^  (?:nominal arm|after DH calibration|\+ \S+) +([\d.]+) mm", said, re.M)
+    dh, whole = (re.findall(r" held-out poses +([\d.]+) ", fit) for fit in fits.split("\nmodel ")[1:])
+    assert (dh, whole[: len(promised)]) == (promised[:2], promised)
+    assert float(promised[-1]) <= 1.60
+    assert re.search(r"^\* backlash.*: helps", said, re.M)
+    assert not re.search(r"^[*+] .*harms", said, re.M)
 
 
 def test_tutorial_ends_below_1_3_times_the_noise_floor_where_dh_alone_stops_far_above(tutorial):
@@ -45,7 +59,7 @@ def test_tutorial_ends_below_1_3_times_the_noise_floor_where_dh_alone_stops_far_
 
 
 def test_ground_says_that_dh_does_not_explain_the_log_and_names_both_effects(tutorial):
-    said = diagnosis(tutorial, "dh/run.lcmlog")
+    said = output(tutorial, "diagnose --arm wam --data out/tutorial/dh/run.lcmlog")
     assert "diagnosis: Consistent with" in said
     listed = dict(re.findall(r"^\* (\S+): .*: helps; P (?:> )?(0\.\d+) against", said, re.M))
     assert set(listed) == {"joint_compliance[4]", "backlash[1]"}
@@ -88,7 +102,7 @@ def test_page_prints_what_its_commands_print(tutorial):
 
 def test_effect_of_nobodys_library_is_mapped_written_in_ten_lines_and_flown(tutorial):
     folder = tutorial[0]
-    said = diagnosis(tutorial, "odd/run.lcmlog")
+    said = output(tutorial, "diagnose --arm wam --data out/tutorial/odd/run.lcmlog")
     assert "diagnosis: Something is missing that no effect of the library describes" in said
     (follows,) = re.findall(r"^not in the library: joint 3 has an error that follows (.+) \(P", said, re.M)
     # tanh(q4) hardly changes over the poses of flight; test_workbench_engine.py has poses that show both
