@@ -78,12 +78,13 @@ def _lines(models: NestedModels, reachable_m: float | None) -> Iterator[tuple[fl
 
 
 def _line_label(value_m: float, label: str, colour: str, level: int) -> dict[str, object]:
-    """Beside a line of the first column; on a logarithmic axis it stands at the logarithm. level: rows above
-    the axis, so that labels of lines that are close do not cover each other."""
+    """Beside a line of the first column; on a logarithmic axis it stands at the logarithm. level: rows below
+    the top, so that labels of lines that are close do not cover each other. The nominal arm, which is drawn
+    there, is far from these lines; the final model is not."""
     return {
-        "x": float(np.log10(value_m * 1e3)), "y": 0, "xref": "x", "yref": "y domain", "showarrow": False,
+        "x": float(np.log10(value_m * 1e3)), "y": 1, "xref": "x", "yref": "y domain", "showarrow": False,
         "text": f"{label} {value_m * 1e3:.3g}", "font": {"size": 11, "color": colour}, "xanchor": "left",
-        "yanchor": "bottom", "xshift": 3, "yshift": 13 * level,
+        "yanchor": "top", "xshift": 3, "yshift": -13 * level,
     }  # fmt: skip
 
 
