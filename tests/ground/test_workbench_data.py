@@ -23,6 +23,7 @@ from kincal.workbench.data.split import choose_split
 from kincal.workbench.evidence.adequacy import noise_floor
 from kincal.workbench.fit.frames import solve_frames
 from kincal.workbench.model.flight_model import nominal_chain
+from kincal.workbench.model.grids import grid_values
 from kincal.workbench.model.modelfile import change_model, held, replace_model
 
 HEADER = "q1,q2,px,py,pz"
@@ -469,6 +470,21 @@ def test_equal_rows_of_a_coarse_device_at_other_times_are_replicates():
     fit = SimpleNamespace(data=replace(data, replicate=np.arange(90) // 3), z=np.zeros(270))
     floor = noise_floor(SimpleNamespace(**vars(fit), evaluation=SimpleNamespace(r=np.zeros((90, 3)))))
     assert floor.pos_m is None and "equal to the last digit" in floor.source
+
+
+def test_one_time_for_all_poses_is_no_time():
+    """As some devices write it; the constants of a step are looked for between poses."""
+    x = np.random.default_rng(3).uniform(-1.0, 1.0, (30, 5))
+    a, b = (
+        Measurements(name, tuple(map(str, range(30))), x[:, :2] + k, x[:, 2:], t_s=np.full(30, 7.0 + k))
+        for k, name in enumerate("ab")
+    )
+    alone = joined([a])
+    assert alone.order_is_time and list(alone.t_s) == list(range(30))
+    assert any("t_s is the same in every row" in note for note in alone.notes)
+    together = joined([a, b])  # the times tell the sessions apart
+    assert not together.order_is_time and set(together.t_s) == {7.0, 8.0}
+    assert grid_values("times", together) == [7.5] and grid_values("times", a) == [7.0]
 
 
 def test_poses_with_another_payload_are_no_replicates():

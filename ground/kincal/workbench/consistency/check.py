@@ -151,7 +151,9 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
             f"even with all DH errors fitted, {rest} of the measured motion is left unexplained: the arm "
             "table is of another arm, or the poses do not belong to these readings (no other units, orders, "
             "signs or axes of joints, positions and orientations explain it)",
-            "check the DH table against the data sheet, and that each row holds the pose of its own readings",
+            "check the DH table against the data sheet, that each row holds the pose of its own readings, "
+            "and that neither base nor measuring device was moved during the session (if so: a file for each "
+            "part)",
         )
         return
     if off.any():

@@ -54,9 +54,9 @@ def _times(t_s: Array) -> list[float]:
 
 
 def _between(t_s: Array) -> Array:
-    """Times midway between two measurements."""
+    """Times midway between two measurements; the one time there is if all were measured at it."""
     t = np.unique(t_s)
-    middles: Array = 0.5 * (t[1:] + t[:-1])
+    middles: Array = 0.5 * (t[1:] + t[:-1]) if len(t) > 1 else t
     return middles
 
 

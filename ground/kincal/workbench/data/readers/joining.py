@@ -27,14 +27,14 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
     A quantity that not all of them have is left out, and a note says so; BadInput if that is the split,
     or if two sets hold the same rows, or an id names two poses of a file. Rows that repeat another one
     are left out and counted. Where an id occurs in two files, the number of the file is put before all
-    ids. Without times everywhere the order of the rows is the time.
+    ids. Without times everywhere, or with one time for all, the order of the rows is the time.
     """
     if not sets:
         raise BadInput("no measurements given", todo="name a file with --data")
     sets = [once(data) for data in sets]
     first = sets[0]
     if len(sets) == 1:
-        return first
+        return _timed(first)
     _refuse_doubles(sets)
     left_out: list[str] = []
     changes: dict[str, Any] = {}
@@ -68,7 +68,15 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         notes=(*dict.fromkeys(note for data in sets for note in data.notes), *left_out),
         **_orientation(sets),
     )
-    return without_copies(together)
+    return _timed(without_copies(together))
+
+
+def _timed(data: Measurements) -> Measurements:
+    """With the order of the rows as time where the times tell nothing apart."""
+    if data.t_s is None or data.n < 2 or np.ptp(data.t_s) > 0.0:
+        return data
+    note = "t_s is the same in every row: the order of the rows is taken for time"
+    return replace(data, t_s=np.arange(data.n, dtype=float), order_is_time=True, notes=(*data.notes, note))
 
 
 def _orientation(sets: Sequence[Measurements]) -> dict[str, Any]:
