@@ -27,7 +27,7 @@ from kincal.console.picture import KEPT, Cursor, Picture
 from kincal.console.serve import Options, serve
 from kincal.console.sources import Live, Recording
 from kincal.console.words import joint_limit
-from kincal.review import journal
+from kincal.review import journal, record
 from kincal.run.inprocess import simulate
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_sim.ports import private_port, private_url
@@ -385,6 +385,21 @@ def test_a_question_is_asked_answered_and_looked_at_before_anybody_decides(live,
     assert post(live, f"{at}/arm", number="6", **words).json()["ok"]
 
 
+def test_what_is_asked_between_a_look_at_the_page_and_its_line_was_not_seen(live, own_key_file, monkeypatch):
+    real = Desk._sound
+
+    def slow(desk):
+        kept = real(desk)
+        record(desk.journal_path, "question", CRC, "B", "in shadow?", "", None, desk._signer())
+        return kept
+
+    monkeypatch.setattr(Desk, "_sound", slow)
+    refused = see(live, "A")
+    assert refused.status_code == 409 and "says more than the one that A was shown" in refused.json()["text"]
+    lines = journal.read(journal.place(None, own_key_file)).entries
+    assert [e.decision for e in lines] == ["question"]
+
+
 def test_what_was_armed_elsewhere_needs_its_override_at_go_too(geometry, own_key_file):
     message = proposal(verdict=kcm.proposal_t.POOR)
     message.crc_terms = 0
@@ -415,6 +430,20 @@ def test_a_request_that_comes_twice_is_carried_out_once(live, flight):
     assert first["ok"] and second["ok"] and second["again"] and "again" not in first
     assert [o for o, _ in flight.commands] == [kcm.cmd_t.REJECT]
     assert post(live, f"/api/review/{crc}/reject", by="B", why="w").status_code == 409  # no number
+
+
+def test_a_number_that_another_request_had_is_not_answered_by_what_came_of_that(live, flight):
+    """REJECT with the number of an ARM was answered "ok", and nothing was sent."""
+    at, words = f"/api/review/{CRC:08x}", {"number": "1", "by": "A", "why": "clean"}
+    assert see(live, "A").json()["ok"]
+    assert post(live, f"{at}/arm", **words).json()["ok"]
+    for path, more in ((f"{at}/reject", {}), (f"{at}/arm", {"why": "in doubt"}), (f"{at}/arm", {"new": 1})):
+        refused = post(live, path, **{**words, **more})
+        assert refused.status_code == 409 and "another request had this number" in refused.json()["text"]
+    assert [o for o, _ in flight.commands] == [kcm.cmd_t.APPROVE_ARM]
+    assert post(live, f"{at}/arm", **words).json()["again"]
+    for number, status in ((7, 400), (["1"], 400), ("9" * 101, 409)):
+        assert post(live, f"{at}/arm", **{**words, "number": number}).status_code == status
 
 
 @pytest.mark.parametrize("body", [{}, {"by": "A"}, {"by": " ", "why": "x"}])

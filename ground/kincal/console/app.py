@@ -289,7 +289,9 @@ def _desk_routes(console: Console) -> list[Route]:
             act = lambda: what(desk, body, request)  # noqa: E731
             if not once:
                 return _json(await to_thread.run_sync(act, limiter=aborts))
-            return _json(await run_in_threadpool(desk.once, str(body.get("number", "")), act))
+            return _json(
+                await run_in_threadpool(desk.once, _text(body, "number"), act, _asked(request, body))
+            )
 
         return Route(path, answer, methods=["POST"])
 
@@ -347,7 +349,9 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
             if desk is None:
                 return _json({"ok": False, "text": "this is a recording: nothing can be sent"}, 409)
             act = lambda: what(kind(request), body)  # noqa: E731
-            return _json(await run_in_threadpool(desk.once, str(body.get("number", "")), act))
+            return _json(
+                await run_in_threadpool(desk.once, _text(body, "number"), act, _asked(request, body))
+            )
 
         return Route(path, answer, methods=["POST"])
 
@@ -478,6 +482,11 @@ def _text(body: Plain, key: str) -> str:
     if not isinstance(value, str):
         raise HTTPException(400, f"{key} is no text")
     return value
+
+
+def _asked(request: Request, body: Plain) -> str:
+    """What a request says, to tell it from another one."""
+    return f"{request.url.path} {json.dumps(body, sort_keys=True)}"
 
 
 def _number(value: Any, name: str) -> int:

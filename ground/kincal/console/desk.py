@@ -5,6 +5,7 @@ to the first was lost, is answered again and carried out once."""
 
 from __future__ import annotations
 
+import hashlib
 import math
 import tempfile
 import threading
@@ -51,6 +52,7 @@ from .document import document, plain_grid, section
 from .picture import Picture
 
 _REMEMBERED = 500
+_MOST_NUMBER = 100  # characters
 _ABORT_WAIT_S = 5.0
 _LISTEN_S = 3.0
 _CHECK_AGAIN_S = 20.0  # recordings are large
@@ -81,7 +83,7 @@ class Desk:
     elsewhere: Callable[[], Sequence[Path]] = tuple
     _values_by_crc: dict[int, changes.KinValues] = field(default_factory=dict)
     _missed_s: dict[int, float] = field(default_factory=dict)  # when a table was looked for in vain
-    _done: OrderedDict[str, Plain | KincalError] = field(default_factory=OrderedDict)
+    _done: OrderedDict[str, tuple[str, Plain | Exception]] = field(default_factory=OrderedDict)
     _accepted: dict[int, int] = field(default_factory=dict)  # by key: highest counter that flight accepted
     missing: str = ""  # what `journal_missing` found
     _noted: bool = False
@@ -166,25 +168,36 @@ class Desk:
 
     # ---- once
 
-    def once(self, number: str, what: Callable[[], Plain]) -> Plain:
+    def once(self, number: str, what: Callable[[], Plain], asked: str = "") -> Plain:
         """The answer, or the error, of a request with this number, which is carried out the first time only.
-        One after the other: two signed commands at once would overtake each other."""
-        if not number:
-            raise BadInput("the request has no number")
+        One after the other: two signed commands at once would overtake each other. asked: what the request
+        says. CommandFailed if another one had this number: the answer to that is none to this one."""
+        if not number or len(number) > _MOST_NUMBER:
+            raise BadInput("the request has no number, or one that is too long")
+        digest = hashlib.sha256(asked.encode("utf-8", "surrogatepass")).hexdigest()
         with self._one:
-            if (before := self._done.get(number)) is not None:
-                if isinstance(before, KincalError):
+            if number in self._done:
+                of, before = self._done[number]
+                if of != digest:
+                    raise CommandFailed(
+                        "another request had this number: nothing was sent",
+                        todo="look at the state, then send it with a number of its own",
+                    )
+                if isinstance(before, Exception):
                     raise before
                 return {**before, "again": True}
             try:
                 answer = what()
-            except KincalError as error:
-                self._done[number] = error
+            except (KincalError, OSError) as error:
+                self._remember(number, digest, error)
                 raise
-            self._done[number] = answer
-            while len(self._done) > _REMEMBERED:
-                self._done.popitem(last=False)
+            self._remember(number, digest, answer)
             return answer
+
+    def _remember(self, number: str, digest: str, answer: Plain | Exception) -> None:
+        self._done[number] = digest, answer
+        while len(self._done) > _REMEMBERED:
+            self._done.popitem(last=False)
 
     # ---- commands
 
@@ -418,19 +431,27 @@ class Desk:
         known, why = (clear.corrected, clear.why) if clear else (None, "")
         limits = read_limits(self.tables_dir)
         found, _, stands_out = with_clearance(found, self._changes(found, limits), known, why)
-        kept = self._sound()
-        stands_out = _stands_out(stands_out, kept, crc)
-        if shown not in (None, remarks.stamp(stands_out, remarks.listed(kept, crc))):
-            raise CommandFailed(
-                f"the page of correction {crc} says more than the one that {by.strip()} was shown",
-                todo="it is drawn again: read what is new, above all questions and reasons to reject it, "
-                "then say that you have seen it",
-            )
+        kept, found_out = self._sound(), tuple(stands_out)
+
+        def check(now: journal.Journal) -> None:
+            page = remarks.stamp(_stands_out(found_out, now, crc), remarks.listed(now, crc))
+            if shown not in (None, page):
+                raise CommandFailed(
+                    f"the page of correction {crc} says more than the one that {by.strip()} was shown",
+                    todo="it is drawn again: read what is new, above all questions and reasons to reject it, "
+                    "then say that you have seen it",
+                )
+
+        check(kept)
+        stands_out = _stands_out(found_out, kept, crc)
         mine = kept.seen_by(by, crc)
         if mine and mine.against == found.against and not decisions.remarks_since(kept, mine, by):
             return {"ok": True, "text": f"{by} has seen correction {crc}"}
-        why = "; ".join(stands_out) or "nothing stood out"
-        record(self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, self._signer())
+        why = decisions.seen_text(stands_out)
+        signer = self._signer()
+        record(
+            self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, signer, check=check
+        )  # fmt: skip
         return {"ok": True, "text": f"{by} has seen correction {crc}"}
 
     def decide(self, what: str, crc: str, words: Words, override: str = "") -> Plain:
