@@ -21,6 +21,7 @@ import kcm
 from kincal.console.app import Console, make_app
 from kincal.console.desk import Desk, Words
 from kincal.console.dictionary import dictionary
+from kincal.console.forms import of_error
 from kincal.console.guard import Access
 from kincal.console.memory import Memory
 from kincal.console.picture import KEPT, Cursor, Picture
@@ -366,7 +367,7 @@ def test_a_question_is_asked_answered_and_looked_at_before_anybody_decides(live,
     assert see(live, "A").json()["ok"] and page()["seen_by"] == ["A"] and version() != empty
 
     for wrong in ({"text": " "}, {"text": "x" * 20_001}, {"what": "arm"}, {"what": "question", "answers": 1},
-                  {"answers": 2}):  # fmt: skip
+                  {"answers": 2}, {"answers": -1}, {"answers": -2}):  # fmt: skip
         refused = post(
             live, f"{at}/remark", number=f"{wrong}"[:60], by="B", **{"what": "comment", "text": "no", **wrong}
         )
@@ -421,6 +422,74 @@ def test_what_was_armed_elsewhere_needs_its_override_at_go_too(geometry, own_key
         assert flight.kin_crc == CRC
     last = desk.entries()[-1]
     assert (last.decision, last.override) == ("approve", "2 mm will do")
+
+
+def test_another_spelling_of_a_crc_is_the_same_correction(live, flight, monkeypatch):
+    """In capitals it was armed past what clearance says against it by now."""
+    at, words = f"/api/review/{CRC:08X}", {"by": "A", "why": "clean"}
+    assert live.get(at, headers=GOOD).json()["page"] == live.get(at.lower(), headers=GOOD).json()["page"]
+    assert see(live, "A").json()["ok"]
+    near = lambda desk, crc: ("too near",) if desk.picture.proposal(crc) else ()  # noqa: E731
+    monkeypatch.setattr(Desk, "_against", near)
+    refused = post(live, f"{at}/arm", number="1", **words)
+    assert refused.status_code == 409 and "before this was known: too near" in refused.json()["text"]
+    assert flight.commands == []
+    for none in ("0", f"{CRC:08x}%20", "%E2%80%AE"):
+        refused = live.get(f"/api/review/{none}", headers=GOOD)
+        assert refused.status_code == 409 and "is not a CRC" in refused.text
+
+
+def test_what_to_do_is_said_as_the_form_that_does_it(live, flight):
+    """Errors named commands to type into a terminal to whoever sits at the console."""
+    at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "clean"}
+    numbers = iter(range(99))
+
+    def todo(path, **body):
+        answer = post(live, path, number=f"{next(numbers)}", **body)
+        said = answer.json()["text"]
+        assert answer.status_code == 409 and "kincal" not in said and "--" not in said
+        return said.partition("to do: ")[2]
+
+    assert todo(f"{at}/arm", **words) == "read the page, then write your name at Seen"
+    assert todo(f"{at}/arm", by="A") == "fill in the name and the reason"
+    assert todo(f"{at}/go", **words) == "ARM first"
+    assert todo("/api/review/00000001/reject", **words) == "Corrections shows what waits"
+    assert todo("/api/start", **words) == "decide first: Corrections"
+    assert see(live, "A").json()["ok"]
+    assert todo(f"{at}/arm", override="2 mm will do", **words) == "send it without an override"
+    assert post(live, f"{at}/remark", number="q", by="B", text="`kincal status`?", what="question").json()[
+        "ok"
+    ]
+    refused = post(live, f"{at}/arm", number="r", **words).json()["text"]
+    assert "`kincal status`?" in refused  # what people wrote stays
+    assert refused.endswith("to do: look at it again and say so at Seen, then decide")
+    assert see(live, "A").json()["ok"]
+    said = post(live, f"{at}/arm", number="s", **words).json()
+    assert (
+        "`" not in "".join(said["said"]).replace("`kincal status`?", "")
+        and "GO puts it in force" in said["text"]
+    )
+    wait_for(lambda: flight.armed)
+    time.sleep(0.2)
+    assert "GO puts it in force, Reject drops it" in todo(f"{at}/arm", **words)
+
+
+def test_a_reason_to_reject_leads_to_the_forms_of_override_and_reject(geometry, own_key_file):
+    message = proposal(verdict=kcm.proposal_t.POOR)
+    message.crc_terms = 0
+    with FakeFlight(proposal_crc=CRC, verdict=kcm.proposal_t.POOR) as flight:
+        picture = Picture(geometry)
+        picture.add("KC_PROPOSAL", message)
+        desk = Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=3.0)
+        desk.see(f"{CRC:08x}", "B")
+        for override, place, todo in (
+            ("", "", "Reject; to approve it in spite of them, ARM with an override of at least 3 words"),
+            ("just go", "Override", "say why it is approved in spite of the reasons to reject it"),
+        ):
+            with pytest.raises(BadInput) as refused:
+                desk.decide("arm", f"{CRC:08x}", Words("B", "agreed"), override)
+            said = of_error(refused.value)
+            assert f"to do: {todo}" in said and (f"where: {place}" in said or not place)
 
 
 def test_a_request_that_comes_twice_is_carried_out_once(live, flight):
@@ -559,7 +628,7 @@ def test_a_poor_fit_is_armed_by_an_override_only(geometry, own_key_file):
             assert "flight itself calls the fit poor" in client.get(at, headers=GOOD).json()["reasons"][0]
             assert see(client, "A").json()["ok"]
             refused = post(client, f"{at}/arm", number="2", **words)
-            assert refused.status_code == 409 and "--override" in refused.json()["text"]
+            assert refused.status_code == 409 and "ARM with an override" in refused.json()["text"]
             assert flight.commands == []
             assert post(client, f"{at}/arm", number="3", override="2 mm will do", **words).json()["ok"]
         assert flight.overrides == [1]

@@ -386,6 +386,19 @@ def test_what_is_asked_while_housekeeping_is_waited_for_is_looked_at_first(file,
     assert [e.decision for e in review.check_journal(file)].count("refused") == 2
 
 
+def test_a_refusal_that_quotes_long_words_stands_in_the_journal(file, good, signer):
+    """It was too long for a line: the error said so instead of what was wrong, and the attempt had no end."""
+    flight = DirectFlight(signer).waits(CRC)
+    seen(file, good, signer)
+    for n in range(40):
+        review.record(file, "question", CRC, "B", f"why {n}? " + "x" * 19_900, "", None, signer)
+    with pytest.raises(BadInput, match="before this was written: question by B.*why 0.*why 39") as error:
+        decisions.arm(flight, f"{CRC:08x}", operator(file)[0])
+    assert len(str(error.value)) < 20_000 and flight.commands == []
+    entries = review.check_journal(file)
+    assert entries[-1].decision == "refused" and journal.unfinished(entries) == []
+
+
 def test_what_flight_took_and_no_line_can_hold_is_said(file, good, signer, monkeypatch):
     """The journal is full between attempt and outcome."""
     flight = DirectFlight(signer).waits(CRC)

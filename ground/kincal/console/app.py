@@ -24,13 +24,16 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from kincal import __version__
+from kincal.link import crc_text
 from kincal.pages import theme
+from kincal.review import parse_crc
 from kincal_shared.errors import KincalError
 
 from . import own, question
 from .bench import Bench
 from .desk import Desk, Words
 from .dictionary import dictionary
+from .forms import of_error
 from .geometry import Geometry
 from .guard import Access, Guard
 from .past import Past
@@ -157,7 +160,8 @@ def _finite(value: Any) -> Any:
 
 async def _refused(_request: Request, error: Exception) -> Response:
     """An error of the library: what, where and what to do."""
-    return JSONResponse({"ok": False, "text": str(error)}, 409)
+    assert isinstance(error, KincalError)
+    return JSONResponse({"ok": False, "text": of_error(error)}, 409)
 
 
 async def _not_asked_so(_request: Request, error: Exception) -> Response:
@@ -301,7 +305,8 @@ def _desk_routes(console: Console) -> list[Route]:
         return Words(_text(body, "by"), _text(body, "why"))
 
     def crc(request: Request) -> str:
-        return str(request.path_params["crc"])
+        """As the journal and the picture have it: another spelling would be another correction to them."""
+        return crc_text(parse_crc(str(request.path_params["crc"])))
 
     def remark(desk: Desk, body: Plain, request: Request) -> Plain:
         line = _number(body.get("answers", 0), "answers")

@@ -49,6 +49,7 @@ from kincal_shared.keys import read as read_keys
 from . import remarks
 from .clearances import Clearances, Found
 from .document import document, plain_grid, section
+from .forms import in_forms
 from .picture import Picture
 
 _REMEMBERED = 500
@@ -162,8 +163,8 @@ class Desk:
                 return ""  # of a journal that is not sound, the list of its lines says so
         if why and not self._noted:
             self._noted = True
-            self.picture.note("error", "JOURNAL_MISSING", f"{why}. To do: {journal.MISSING_TODO}")
-        self.missing = f"{why}. {journal.MISSING_TODO}." if why else ""
+            self.picture.note("error", "JOURNAL_MISSING", in_forms(f"{why}. To do: {journal.MISSING_TODO}"))
+        self.missing = in_forms(f"{why}. {journal.MISSING_TODO}.") if why else ""
         return self.missing
 
     # ---- once
@@ -323,7 +324,7 @@ class Desk:
             words.why.strip(),
             self.journal_path,
             self.timeout_s if timeout_s is None else timeout_s,
-            say or (lambda text: self.picture.note("info", "DESK", text)),
+            say or (lambda text: self.picture.note("info", "DESK", in_forms(text))),
             operate.verified(operate.Snapshot(), self._verifier("decision")),
         )
 
@@ -332,7 +333,7 @@ class Desk:
 
         def say(step: operate.Step) -> None:
             severity = "error" if step.stage == operate.REFUSED else "info"
-            self.picture.note(severity, step.stage.upper(), f"{name}: {step.evidence}")
+            self.picture.note(severity, step.stage.upper(), in_forms(f"{name}: {step.evidence}"))
 
         return say
 
@@ -388,7 +389,10 @@ class Desk:
     def _found(self, crc: str) -> Review:
         message = self.picture.proposal(crc)
         if message is None:
-            raise BadInput(f"correction {crc} was not heard by this console", todo="open its recording")
+            raise BadInput(
+                f"correction {crc} was not heard by this console",
+                todo="`kincal serve --log FILE` shows its recording; it can be rejected in the inbox",
+            )
         if unsigned32(message.crc) in self.picture.disputed:
             raise two_messages(unsigned32(message.crc), self.url)
         return from_message(message, coef_names(self.tables_dir, unsigned32(message.crc_terms)))
@@ -457,8 +461,9 @@ class Desk:
     def decide(self, what: str, crc: str, words: Words, override: str = "") -> Plain:
         """arm, go or reject."""
         said: list[str] = []
+        note = lambda text: said.append(in_forms(text))  # noqa: E731
         operate.refuse_several("the decision", self.picture.several(), self.url)
-        who, against = self.operator(words, said.append), self._against(crc)
+        who, against = self.operator(words, note), self._against(crc)
         with Link(self.url, signer=self._signer()) as link:
             if what == "arm":
                 decisions.arm(link, crc, who, override.strip(), against)
@@ -498,7 +503,7 @@ def _heard(snapshot: operate.Snapshot) -> bool:
 def _outcome(tracked: operate.Tracked) -> Plain:
     return {
         "ok": tracked.outcome == operate.DONE,
-        "text": tracked.last_line,
+        "text": in_forms(tracked.last_line),
         "steps": tracked.as_dict()["verifiers"],
     }
 

@@ -49,8 +49,11 @@ taken it. CommandFailed if flight refuses it or does not answer."""
 def seen_text(stood_out: Sequence[str]) -> str:
     """What stood out, for the line that it was seen. A question stands in full in its own line: one as long
     as a line may be, said again here, would leave no room, and nobody could have seen it."""
-    text = "; ".join(f"{one[:_MOST_OF_ONE]} …" if len(one) > _MOST_OF_ONE else one for one in stood_out)
-    return (f"{text[:_MOST_SEEN]} …" if len(text) > _MOST_SEEN else text) or "nothing stood out"
+    return _cut("; ".join(_cut(one, _MOST_OF_ONE) for one in stood_out), _MOST_SEEN) or "nothing stood out"
+
+
+def _cut(text: str, most: int) -> str:
+    return f"{text[:most]} …" if len(text) > most else text
 
 
 def _silent(_text: str) -> None:
@@ -287,7 +290,7 @@ def _recorded(case: _Case, who: Operator, command: str, override: str = "") -> I
         if not case.taken:
             known = isinstance(error, KincalError) and not isinstance(error, NoAnswer)
             why = str(error).splitlines()[0] if isinstance(error, KincalError) else "interrupted"
-            write(journal.REFUSED if known else journal.UNANSWERED, why)
+            write(journal.REFUSED if known else journal.UNANSWERED, _cut(why, _MOST_SEEN))  # it may quote
         raise
     for unwritten in case.unwritten:
         raise CommandFailed(
@@ -396,7 +399,7 @@ def _remarks_after(found: journal.Journal, at: int, crc: str, by: str) -> list[s
     """Comments and questions about a correction that others wrote below a line."""
     mine = by.strip().casefold()
     return [
-        journal.remark_text(n, e)
+        _cut(journal.remark_text(n, e), _MOST_OF_ONE)
         for n, e in enumerate(found.entries, 1)
         if n > at and e.decision in journal.REMARKS and e.crc == crc and e.by.strip().casefold() != mine
     ]
