@@ -490,6 +490,10 @@ def test_a_reason_to_reject_leads_to_the_forms_of_override_and_reject(geometry, 
                 desk.decide("arm", f"{CRC:08x}", Words("B", "agreed"), override)
             said = of_error(refused.value)
             assert f"to do: {todo}" in said and (f"where: {place}" in said or not place)
+    todo = "see to the journal, then write down by `kincal review comment` what came of it"
+    assert of_error(BadInput("x", todo=todo)).endswith(
+        "see to the journal, then write to the journal what came of it"
+    )
 
 
 def test_a_request_that_comes_twice_is_carried_out_once(live, flight):

@@ -10,6 +10,7 @@ _FORMS = (
     # the whole advice first, then commands alone
     (r"`kincal review show --live [^`]*` shows it and notes that; .* in place of --live",
      "read the page, then write your name at Seen"),
+    (r"then write down by `kincal review comment` what", "then write to the journal what"),
     (r"with `kincal review show`, then decide", "and say so at Seen, then decide"),
     (r"say why in at least (\d+) words: --override REASON", r"ARM with an override of at least \1 words"),
     (r"give --by NAME and --why TEXT", "fill in the name and the reason"),
