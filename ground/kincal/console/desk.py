@@ -427,11 +427,7 @@ class Desk:
         at, None if it is the page as it is now. CommandFailed if it says something else by now."""
         check_words(by, "seen")
         found, clear = self._found(crc), self._clearance(self._found(crc))
-        if clear is not None and clear.status in ("running", "waiting"):
-            raise CommandFailed(
-                f"clearance and reach of correction {crc} are still being computed: nobody has seen them",
-                todo="wait until they stand on the page",
-            )
+        _refuse_computing(crc, clear)
         known, why = (clear.corrected, clear.why) if clear else (None, "")
         limits = read_limits(self.tables_dir)
         found, _, stands_out = with_clearance(found, self._changes(found, limits), known, why)
@@ -463,6 +459,8 @@ class Desk:
         said: list[str] = []
         note = lambda text: said.append(in_forms(text))  # noqa: E731
         operate.refuse_several("the decision", self.picture.several(), self.url)
+        if what == "arm" and self.picture.proposal(crc) is not None:
+            _refuse_computing(crc, self._clearance(self._found(crc)))
         who, against = self.operator(words, note), self._against(crc)
         with Link(self.url, signer=self._signer()) as link:
             if what == "arm":
@@ -488,6 +486,15 @@ class Desk:
         entries = self.entries()
         open_ = journal.unfinished(entries)
         return [{**_line(e), "unfinished": any(e is one for one in open_)} for e in reversed(entries)]
+
+
+def _refuse_computing(crc: str, clear: Found | None) -> None:
+    """CommandFailed while there may be a reason to reject a correction in a few seconds."""
+    if clear is not None and clear.status in ("running", "waiting"):
+        raise CommandFailed(
+            f"clearance and reach of correction {crc} are still being computed: nobody has seen them",
+            todo="wait until they stand on the page",
+        )
 
 
 def _listen_s(timeout_s: float) -> float:
