@@ -20,8 +20,7 @@ from starlette.websockets import WebSocketDisconnect
 import kcm
 from kincal.console.app import Console, make_app
 from kincal.console.desk import Desk, Words
-from kincal.console.dictionary import dictionary
-from kincal.console.forms import of_error
+from kincal.console.dictionary import dictionary, of_error
 from kincal.console.guard import Access
 from kincal.console.memory import Memory
 from kincal.console.picture import KEPT, Cursor, Picture

@@ -32,8 +32,7 @@ from kincal_shared.errors import KincalError
 from . import own, question
 from .bench import Bench
 from .desk import Desk, Words
-from .dictionary import dictionary
-from .forms import of_error
+from .dictionary import dictionary, of_error
 from .geometry import Geometry
 from .guard import Access, Guard
 from .past import Past

@@ -48,8 +48,8 @@ from kincal_shared.keys import read as read_keys
 
 from . import remarks
 from .clearances import Clearances, Found
+from .dictionary import in_forms
 from .document import document, plain_grid, section
-from .forms import in_forms
 from .picture import Picture
 
 _REMEMBERED = 500
