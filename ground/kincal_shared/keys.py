@@ -40,6 +40,13 @@ COUNTER_WAIT_S = 1.0
 _LOCK_POLL_S = 0.01
 _NAME_KEYS = f"name a file by --keys or ${VARIABLE}; `kincal key new` makes one"
 _ROOM = "free space there, then try again"
+_MEDIUM = {
+    errno.EROFS: "make its medium writable again, then try again",
+    errno.ENOSPC: _ROOM,
+    errno.EDQUOT: _ROOM,
+    errno.EIO: "see to its medium, then try again",
+}
+"""What to do where it is not the file."""
 # label, key, counter, t_us, source; then what a command or a chunk says
 _SENDER = "<16sIQqi"
 _CMD = struct.Struct(_SENDER + "ii4iq4d")
@@ -203,7 +210,7 @@ def open_own(path: Path, what: str, flags: int = 0) -> FileIO:
         file = os.fdopen(os.open(path, opening, 0o600), "r+b", buffering=0)
     except OSError as error:
         why = "this is a symbolic link" if error.errno == errno.ELOOP else str(error.strerror)
-        raise BadInput(f"{what}: {why}", str(path), _OWN) from None
+        raise BadInput(f"{what}: {why}", str(path), _MEDIUM.get(error.errno or 0, _OWN)) from None
     status = os.fstat(file.fileno())
     if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid():
         file.close()

@@ -485,6 +485,21 @@ def test_an_abort_goes_out_without_a_key_and_without_housekeeping(online, tmp_pa
     assert not online.commands[0].key_id and online.commands[1].key_id
 
 
+def test_a_noop_is_not_sent_without_the_key_that_it_asks_about(online, tmp_path):
+    """With keys that cannot be used it was sent without, said that there was no key file, and was done."""
+    mine = tmp_path / "keys"
+    keys.new(mine)
+    mine.chmod(0o644)
+    for more in ((), ("--dry-run",)):
+        run = online.run("noop", "--keys", mine, *more)
+        assert run.exit_code == 2 and "others may read or change the keys" in run.output, run.output
+    assert online.commands == []
+    run = online.run("abort", "--keys", mine)
+    said = " ".join(run.output.split())
+    assert "others may read or change the keys" in said and "ABORT is sent without a signature" in said
+    assert [c.key_id for c in online.commands] == [0]
+
+
 def test_a_command_that_cannot_be_signed_is_not_sent(online, tmp_path):
     run = online.run("discard", "--keys", tmp_path / "none")
     assert run.exit_code == 2 and "no keys" in run.output and not online.commands, run.output

@@ -20,14 +20,14 @@ from starlette.websockets import WebSocketDisconnect
 import kcm
 from kincal.console.app import Console, make_app
 from kincal.console.desk import Desk, Words
-from kincal.console.dictionary import dictionary
+from kincal.console.dictionary import dictionary, of_error
 from kincal.console.guard import Access
 from kincal.console.memory import Memory
 from kincal.console.picture import KEPT, Cursor, Picture
 from kincal.console.serve import Options, serve
 from kincal.console.sources import Live, Recording
 from kincal.console.words import joint_limit
-from kincal.review import journal
+from kincal.review import journal, record
 from kincal.run.inprocess import simulate
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_sim.ports import private_port, private_url
@@ -366,7 +366,7 @@ def test_a_question_is_asked_answered_and_looked_at_before_anybody_decides(live,
     assert see(live, "A").json()["ok"] and page()["seen_by"] == ["A"] and version() != empty
 
     for wrong in ({"text": " "}, {"text": "x" * 20_001}, {"what": "arm"}, {"what": "question", "answers": 1},
-                  {"answers": 2}):  # fmt: skip
+                  {"answers": 2}, {"answers": -1}, {"answers": -2}):  # fmt: skip
         refused = post(
             live, f"{at}/remark", number=f"{wrong}"[:60], by="B", **{"what": "comment", "text": "no", **wrong}
         )
@@ -383,6 +383,21 @@ def test_a_question_is_asked_answered_and_looked_at_before_anybody_decides(live,
     lines = journal.read(journal.place(None, own_key_file)).entries
     assert [e.decision for e in lines] == ["question", "seen", "comment", "attempt", "refused", "seen"]
     assert post(live, f"{at}/arm", number="6", **words).json()["ok"]
+
+
+def test_what_is_asked_between_a_look_at_the_page_and_its_line_was_not_seen(live, own_key_file, monkeypatch):
+    real = Desk._sound
+
+    def slow(desk):
+        kept = real(desk)
+        record(desk.journal_path, "question", CRC, "B", "in shadow?", "", None, desk._signer())
+        return kept
+
+    monkeypatch.setattr(Desk, "_sound", slow)
+    refused = see(live, "A")
+    assert refused.status_code == 409 and "says more than the one that A was shown" in refused.json()["text"]
+    lines = journal.read(journal.place(None, own_key_file)).entries
+    assert [e.decision for e in lines] == ["question"]
 
 
 def test_what_was_armed_elsewhere_needs_its_override_at_go_too(geometry, own_key_file):
@@ -408,6 +423,78 @@ def test_what_was_armed_elsewhere_needs_its_override_at_go_too(geometry, own_key
     assert (last.decision, last.override) == ("approve", "2 mm will do")
 
 
+def test_another_spelling_of_a_crc_is_the_same_correction(live, flight, monkeypatch):
+    """In capitals it was armed past what clearance says against it by now."""
+    at, words = f"/api/review/{CRC:08X}", {"by": "A", "why": "clean"}
+    assert live.get(at, headers=GOOD).json()["page"] == live.get(at.lower(), headers=GOOD).json()["page"]
+    assert see(live, "A").json()["ok"]
+    near = lambda desk, crc: ("too near",) if desk.picture.proposal(crc) else ()  # noqa: E731
+    monkeypatch.setattr(Desk, "_against", near)
+    refused = post(live, f"{at}/arm", number="1", **words)
+    assert refused.status_code == 409 and "before this was known: too near" in refused.json()["text"]
+    assert flight.commands == []
+    for none in ("0", f"{CRC:08x}%20", "%E2%80%AE"):
+        refused = live.get(f"/api/review/{none}", headers=GOOD)
+        assert refused.status_code == 409 and "is not a CRC" in refused.text
+
+
+def test_what_to_do_is_said_as_the_form_that_does_it(live, flight):
+    """Errors named commands to type into a terminal to whoever sits at the console."""
+    at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "clean"}
+    numbers = iter(range(99))
+
+    def todo(path, **body):
+        answer = post(live, path, number=f"{next(numbers)}", **body)
+        said = answer.json()["text"]
+        assert answer.status_code == 409 and "kincal" not in said and "--" not in said
+        return said.partition("to do: ")[2]
+
+    assert todo(f"{at}/arm", **words) == "read the page, then write your name at Seen"
+    assert todo(f"{at}/arm", by="A") == "fill in the name and the reason"
+    assert todo(f"{at}/go", **words) == "ARM first"
+    assert todo("/api/review/00000001/reject", **words) == "Corrections shows what waits"
+    assert todo("/api/start", **words) == "decide first: Corrections"
+    assert see(live, "A").json()["ok"]
+    assert todo(f"{at}/arm", override="2 mm will do", **words) == "send it without an override"
+    assert post(live, f"{at}/remark", number="q", by="B", text="`kincal status`?", what="question").json()[
+        "ok"
+    ]
+    refused = post(live, f"{at}/arm", number="r", **words).json()["text"]
+    assert "`kincal status`?" in refused  # what people wrote stays
+    assert refused.endswith("to do: look at it again and say so at Seen, then decide")
+    assert see(live, "A").json()["ok"]
+    said = post(live, f"{at}/arm", number="s", **words).json()
+    assert (
+        "`" not in "".join(said["said"]).replace("`kincal status`?", "")
+        and "GO puts it in force" in said["text"]
+    )
+    wait_for(lambda: flight.armed)
+    time.sleep(0.2)
+    assert "GO puts it in force, Reject drops it" in todo(f"{at}/arm", **words)
+
+
+def test_a_reason_to_reject_leads_to_the_forms_of_override_and_reject(geometry, own_key_file):
+    message = proposal(verdict=kcm.proposal_t.POOR)
+    message.crc_terms = 0
+    with FakeFlight(proposal_crc=CRC, verdict=kcm.proposal_t.POOR) as flight:
+        picture = Picture(geometry)
+        picture.add("KC_PROPOSAL", message)
+        desk = Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=3.0)
+        desk.see(f"{CRC:08x}", "B")
+        for override, place, todo in (
+            ("", "", "Reject; to approve it in spite of them, ARM with an override of at least 3 words"),
+            ("just go", "Override", "say why it is approved in spite of the reasons to reject it"),
+        ):
+            with pytest.raises(BadInput) as refused:
+                desk.decide("arm", f"{CRC:08x}", Words("B", "agreed"), override)
+            said = of_error(refused.value)
+            assert f"to do: {todo}" in said and (f"where: {place}" in said or not place)
+    todo = "see to the journal, then write down by `kincal review comment` what came of it"
+    assert of_error(BadInput("x", todo=todo)).endswith(
+        "see to the journal, then write to the journal what came of it"
+    )
+
+
 def test_a_request_that_comes_twice_is_carried_out_once(live, flight):
     crc = f"{CRC:08x}"
     body = {"number": "7", "by": "B", "why": "w"}
@@ -415,6 +502,20 @@ def test_a_request_that_comes_twice_is_carried_out_once(live, flight):
     assert first["ok"] and second["ok"] and second["again"] and "again" not in first
     assert [o for o, _ in flight.commands] == [kcm.cmd_t.REJECT]
     assert post(live, f"/api/review/{crc}/reject", by="B", why="w").status_code == 409  # no number
+
+
+def test_a_number_that_another_request_had_is_not_answered_by_what_came_of_that(live, flight):
+    """REJECT with the number of an ARM was answered "ok", and nothing was sent."""
+    at, words = f"/api/review/{CRC:08x}", {"number": "1", "by": "A", "why": "clean"}
+    assert see(live, "A").json()["ok"]
+    assert post(live, f"{at}/arm", **words).json()["ok"]
+    for path, more in ((f"{at}/reject", {}), (f"{at}/arm", {"why": "in doubt"}), (f"{at}/arm", {"new": 1})):
+        refused = post(live, path, **{**words, **more})
+        assert refused.status_code == 409 and "another request had this number" in refused.json()["text"]
+    assert [o for o, _ in flight.commands] == [kcm.cmd_t.APPROVE_ARM]
+    assert post(live, f"{at}/arm", **words).json()["again"]
+    for number, status in ((7, 400), (["1"], 400), ("9" * 101, 409)):
+        assert post(live, f"{at}/arm", **{**words, "number": number}).status_code == status
 
 
 @pytest.mark.parametrize("body", [{}, {"by": "A"}, {"by": " ", "why": "x"}])
@@ -530,7 +631,7 @@ def test_a_poor_fit_is_armed_by_an_override_only(geometry, own_key_file):
             assert "flight itself calls the fit poor" in client.get(at, headers=GOOD).json()["reasons"][0]
             assert see(client, "A").json()["ok"]
             refused = post(client, f"{at}/arm", number="2", **words)
-            assert refused.status_code == 409 and "--override" in refused.json()["text"]
+            assert refused.status_code == 409 and "ARM with an override" in refused.json()["text"]
             assert flight.commands == []
             assert post(client, f"{at}/arm", number="3", override="2 mm will do", **words).json()["ok"]
         assert flight.overrides == [1]

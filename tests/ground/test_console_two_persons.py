@@ -32,14 +32,14 @@ ARM, GO, REJECT, ROLLBACK = (
 class Seat(Served):
     """A console of a person with a key file, which has heard the proposal; both write into one journal."""
 
-    def __init__(self, flight, key_file, folder):
-        self.key_file, self.journal = key_file, folder / "journal.jsonl"
+    def __init__(self, flight, key_file, folder, heard=True):
+        self.key_file, self.journal, self.heard = key_file, folder / "journal.jsonl", heard
         super().__init__(flight, folder)
 
     def start(self):
         geometry = Geometry(self.flight.tables)
         self.picture = Picture(geometry)
-        for channel, message in self.flight.proposal():
+        for channel, message in self.flight.proposal() if self.heard else ():
             self.picture.add(channel, message)
         desk = Desk(self.flight.url, self.key_file, self.journal, self.flight.tables, self.picture, 20.0)
         app = make_app(Console(self.flight.url, geometry, self.picture, desk), self.access)
@@ -199,14 +199,56 @@ def asked(a, b, form):
     expect(a.get_by_role("textbox", name="Answer to B. Second")).to_have_value("no: the lamp was on")
     dark(a, "question")
     assert serious(a) == []
+    b.get_by_role("button", name="Answer line").first.click()
+    b.get_by_role("textbox", name="Answer to B. Second").fill("it was dusk")
+    a.get_by_role("textbox", name="Answer to B. Second").focus()
     a.keyboard.press("Tab")
     a.keyboard.press("Enter")
     for page in (a, b):
         expect(page.locator(".remarks")).to_contain_text("question, answered")
         expect(page.locator(".remarks .answered")).to_contain_text("no: the lamp was on")
+    late = b.get_by_role("textbox", name="Answer to B. Second")
+    expect(late).to_have_value("it was dusk")  # A was quicker, and what B has typed was gone
+    expect(b.locator(".remarks")).to_contain_text("Somebody has answered meanwhile")
+    late.press("Escape")
+    expect(late).to_have_count(0)
     seen(b, "B. Second")
     seen(a, "A. First")  # what B asked too
     expect(a.locator("[name=override]")).to_have_value("2 mm will do")
+
+
+def test_what_two_messages_dispute_can_be_rejected_and_nothing_else(browser, made, tmp_path):  # noqa: F811
+    with WaitingFlight(made, tmp_path, tick_s=0.02) as flight, contextlib.ExitStack() as stack:
+        seat = Seat(flight, flight.first, tmp_path)
+        stack.callback(seat.stop)
+        channel, message = flight.proposal()[-1]
+        message.p_fit /= 2
+        seat.picture.add(channel, message)
+        page = stack.enter_context(opened(browser, seat))
+        page.get_by_role("link", name="Corrections").click()
+        expect(page.locator(".review")).to_contain_text("say different things of it")
+        expect(page.locator(".review")).to_contain_text("Reject and a new calibration are safe")
+        expect(page.locator(".decide")).not_to_contain_text("GO")
+        act(page, "Reject", "REJECT", by="A. First", why="disputed")
+        expect(page.locator(".journal")).to_contain_text(f"reject {made.text} A. First")
+        assert flight.commands == [(REJECT, 1)]
+
+
+def test_what_was_sent_before_the_console_listened_can_be_rejected_there(browser, made, tmp_path):  # noqa: F811
+    """It said to do so by a command in a terminal."""
+    with WaitingFlight(made, tmp_path, tick_s=0.02) as flight, contextlib.ExitStack() as stack:
+        seat = Seat(flight, flight.first, tmp_path, heard=False)
+        stack.callback(seat.stop)
+        page = stack.enter_context(opened(browser, seat))
+        page.get_by_role("link", name="Corrections").click()
+        expect(page.locator(".inbox")).to_contain_text(f"Correction {made.text} waits on board")
+        page.get_by_role("button", name=f"Reject {made.text}").click()
+        page.locator(".inbox [name=by]").fill("A. First")
+        page.locator(".inbox [name=why]").press_sequentially("not recorded", delay=150)  # while values come
+        page.get_by_role("button", name="REJECT", exact=True).click()
+        expect(page.locator(".journal")).to_contain_text(f"reject {made.text} A. First")
+        expect(page.locator(".inbox")).not_to_contain_text("waits on board")
+        assert flight.commands == [(REJECT, 1)]
 
 
 def test_the_second_person_may_reject_what_the_first_has_armed(browser, made, tmp_path):  # noqa: F811

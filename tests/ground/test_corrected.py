@@ -25,7 +25,7 @@ from kincal.api import corrected, previews, reviews
 from kincal.cli import main
 from kincal.cli.text import review as text
 from kincal.console.clearances import Clearances, Found
-from kincal.console.desk import Desk
+from kincal.console.desk import Desk, Words
 from kincal.console.geometry import Geometry
 from kincal.console.picture import Picture
 from kincal.console.shelf import Shelf
@@ -354,6 +354,8 @@ def test_nobody_has_seen_at_the_console_what_is_still_being_computed(desk, beyon
     desk, crc, against = desk
     desk.clearances.found = Found("running", done=3, of=9)
     assert desk.review(crc)["reasons"] == []
+    with pytest.raises(CommandFailed, match="still being computed"):
+        desk.decide("arm", crc, Words("A", "clean"))  # seen at a terminal, which knew none
     with pytest.raises(CommandFailed, match="still being computed"):
         desk.see(crc, "A")
     desk.clearances.found = Found("not known", why="another SPACE is in force")

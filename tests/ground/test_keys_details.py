@@ -1,5 +1,7 @@
 """Keys to the last detail: counters, numbers and files at their limits."""
 
+import errno
+import os
 import time
 
 import pytest
@@ -228,3 +230,17 @@ def test_a_file_that_another_program_holds_is_waited_for_and_then_said(file):
         assert time.monotonic() - begun_s >= 0.05
         other.close()
         keys.lock(mine, file, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("number", "todo"),
+    [(errno.EROFS, "make its medium writable"), (errno.ENOSPC, "free space"), (errno.EACCES, "of your own")],
+)
+def test_where_the_medium_is_at_fault_the_file_is_not_blamed(tmp_path, monkeypatch, number, todo):
+    def refusing(*_given):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "open", refusing)
+    with pytest.raises(BadInput) as refused:
+        keys.open_own(tmp_path / "review.jsonl", "the review journal cannot be kept")
+    assert todo in refused.value.todo and os.strerror(number) in refused.value.what

@@ -54,12 +54,12 @@ def die_at(where, what):
     command `what` was sent."""
     append, write_end, send = journal.append, journal._write_end, links.CommandLink.send
 
-    def appending(path, entry, signer):
+    def appending(path, entry, signer, check=None):
         if (where, what) == ("before", entry.decision):
             die()
         if (where, what) == ("between", entry.decision):
             journal._write_end = lambda *_: die()
-        entry = append(path, entry, signer)
+        entry = append(path, entry, signer, check)
         if (where, what) == ("after", entry.decision):
             die()
         return entry

@@ -14,6 +14,7 @@ from samples import CRC, decided, progress, proposal, sealed, write_log
 
 import kcm
 from kincal import review, tables
+from kincal.api import reviews
 from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.flight import event_name
@@ -468,6 +469,37 @@ def test_an_open_question_is_named_to_whoever_decides_until_a_comment_answers_it
         assert "do not approve" in run.output
         see(tmp_path, journal)
         assert decide(flight, "arm", journal).exit_code == 0
+
+
+def test_questions_as_long_as_a_line_may_be_can_be_seen(tmp_path, journal):
+    """The line of who has seen it repeated them, was longer than a line may be, and nobody could see it."""
+    for n in (1, 2):
+        text = f"why {n}? " + "x" * 19_900
+        assert comment(journal, text, "--question", "--crc", "fedcba98").exit_code == 0
+    assert "x" * 100 in see(tmp_path, journal)
+    last = review.check_journal(journal)[-1]
+    assert last.decision == "seen" and "why 1? xxx" in last.why and "why 2? xxx" in last.why
+
+
+def test_what_was_asked_while_the_page_was_made_was_not_seen(tmp_path, journal, monkeypatch):
+    """Clearance and page take seconds after the journal was read: a question of that time counted as seen."""
+    see(tmp_path, journal)
+    real = reviews.show
+
+    def slow(*given):
+        shown = real(*given)
+        assert comment(journal, "pose 7 in shadow?", "--question", "--crc", "fedcba98").exit_code == 0
+        return shown
+
+    monkeypatch.setattr(reviews, "show", slow)
+    log = ["review", "show", str(tmp_path / "run.lcmlog"), "--tables", str(BIN), "--journal", str(journal)]
+    for more in ((), ("--json",)):
+        run = CliRunner().invoke(main, [*log, "--by", "A. Reviewer", *more])
+        said = " ".join(run.output.split())
+        assert run.exit_code == EXIT_FAILED and "while correction fedcba98 was shown to A. Reviewer" in said
+        assert "question by B. Second" in said and "pose 7 in shadow?" in said
+    assert [e.decision for e in review.check_journal(journal)] == ["seen", "question", "question"]
+    assert CliRunner().invoke(main, [*log, "--by", "B. Second"]).exit_code == 0  # who asked knows it
 
 
 def test_a_changed_journal_still_shows_what_waits_and_says_that_it_does_not_verify(tmp_path, journal):

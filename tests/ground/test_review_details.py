@@ -364,6 +364,41 @@ def test_a_decision_without_a_name_is_refused_before_flight_is_asked(file, act, 
     assert not flight.commands and flight.now_s == 0.0 and not file.exists()
 
 
+def test_what_is_asked_while_housekeeping_is_waited_for_is_looked_at_first(file, good, signer):
+    asked = []
+
+    class Slow(DirectFlight):
+        def next(self, timeout_s):
+            if not asked:
+                asked.append(review.record(file, "question", CRC, "B", "in shadow?", "", None, signer))
+            return super().next(timeout_s)
+
+    flight = Slow(signer).waits(CRC)
+    seen(file, good, signer)
+    who, _ = operator(file)
+    for decide in (decisions.arm, decisions.go):
+        with pytest.raises(BadInput, match="before this was written: question by B.*in shadow"):
+            decide(flight, f"{CRC:08x}", who)
+        assert flight.commands == []
+        flight.waits(CRC, state=10)
+        asked.clear()
+        seen(file, good, signer)
+    assert [e.decision for e in review.check_journal(file)].count("refused") == 2
+
+
+def test_a_refusal_that_quotes_long_words_stands_in_the_journal(file, good, signer):
+    """It was too long for a line: the error said so instead of what was wrong, and the attempt had no end."""
+    flight = DirectFlight(signer).waits(CRC)
+    seen(file, good, signer)
+    for n in range(40):
+        review.record(file, "question", CRC, "B", f"why {n}? " + "x" * 19_900, "", None, signer)
+    with pytest.raises(BadInput, match="before this was written: question by B.*why 0.*why 39") as error:
+        decisions.arm(flight, f"{CRC:08x}", operator(file)[0])
+    assert len(str(error.value)) < 20_000 and flight.commands == []
+    entries = review.check_journal(file)
+    assert entries[-1].decision == "refused" and journal.unfinished(entries) == []
+
+
 def test_what_flight_took_and_no_line_can_hold_is_said(file, good, signer, monkeypatch):
     """The journal is full between attempt and outcome."""
     flight = DirectFlight(signer).waits(CRC)
@@ -371,10 +406,10 @@ def test_what_flight_took_and_no_line_can_hold_is_said(file, good, signer, monke
     who, said = operator(file)
     real = journal.append
 
-    def full(path, entry, key):
+    def full(path, entry, key, check=None):
         if entry.decision == "arm":
             raise BadInput("no space", str(path))
-        return real(path, entry, key)
+        return real(path, entry, key, check)
 
     monkeypatch.setattr(journal, "append", full)
     with pytest.raises(KincalError):

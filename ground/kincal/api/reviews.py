@@ -94,7 +94,7 @@ def answered(path: Path, signer: Signer, line: int, crc: int, is_question: bool)
     """CRC of the question in a line of the journal that a comment answers; crc: that was named, 0 if none
     was. BadInput if there is no such question."""
     entries = journals.read(path, signer.known).entries
-    asked = entries[line - 1] if line <= len(entries) else None
+    asked = entries[line - 1] if 0 < line <= len(entries) else None
     if asked is None or asked.decision != journals.QUESTION:
         where = f"{path}:{line}"
         raise BadInput("there is no question in this line", where, "`kincal audit log` numbers the lines")

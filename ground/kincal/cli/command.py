@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -307,8 +308,8 @@ def _run(make: Callable[[Any], Any], given: Given, preview: Preview = Preview())
                 "is flight running on this URL? `kincal status`; ABORT is sent all the same",
             )
         if signer is None:
-            unsigned = f"no key file: {request.opcode} is sent without a signature, which flight takes"
-            click.echo(unsigned, err=True)
+            why = _unsigned(given["key_file"])
+            click.echo(f"{why}: {request.opcode} is sent without a signature, which flight takes", err=True)
         tell = (lambda _step: None) if given["as_json"] else (lambda step: text.step(out, step))
         tracked = operate.act(link, request, _operator(given), snapshot, tell)
     if given["as_json"]:
@@ -346,7 +347,8 @@ def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, previe
             _preview(snapshot, preview)
         text.unmet(console(), request.opcode, found, age, snapshot.state)
         if link.signer is None and request.opcode in operate.UNSIGNED:
-            say("no key file: it would be sent without a signature, which flight takes, and written nowhere")
+            why = _unsigned(given["key_file"])
+            say(f"{why}: it would be sent without a signature, which flight takes, and written nowhere")
     if found:
         raise SystemExit(1)
 
@@ -387,13 +389,27 @@ def _in_force(snapshot: Any) -> int:
 
 
 def _signer(given: Given) -> Signer | None:
-    """None if there are no usable keys: ABORT and NOOP need none."""
+    """None if there are no usable keys: ABORT needs none. NOOP needs none either, but with a key file asks
+    whether flight takes it: with one that cannot be used there is nothing to ask."""
     try:
         return signer_of(file_of(given["key_file"]))
     except BadInput:
-        if click.get_current_context().info_name in ("abort", "noop") or given["dry_run"]:
+        name = click.get_current_context().info_name
+        if no_key_file(given["key_file"]) if name == "noop" else name == "abort" or given["dry_run"]:
             return None
         raise
+
+
+def no_key_file(named: Path) -> bool:
+    """Whether there is no key file, rather than one that cannot be used."""
+    try:
+        return not os.path.lexists(file_of(named))
+    except BadInput:
+        return False
+
+
+def _unsigned(named: Path) -> str:
+    return "no key file" if no_key_file(named) else why_no_key(named)
 
 
 def why_no_key(key_file: Path) -> str:

@@ -184,7 +184,7 @@ def review_show(
     if as_json:
         click.echo(json.dumps(shown.as_dict(), indent=1))
         if by is not None:
-            _see(found, by, file, key_file, journal, warnings, err=True)
+            _see(found, by, file, key_file, journal, warnings, len(read[0].entries), err=True)
         reviews.refuse_broken(read)
         return
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
@@ -199,7 +199,7 @@ def review_show(
     )
     say_files("page", *made)
     if by is not None:
-        _see(found, by, file, key_file, journal, warnings)
+        _see(found, by, file, key_file, journal, warnings, len(read[0].entries))
     reviews.refuse_broken(read)
 
 
@@ -271,14 +271,15 @@ def _see(
     key_file: Path,
     journal: Path | None,
     stood_out: Sequence[str],
+    shown_with: int,
     err: bool = False,
 ) -> None:
-    """Write down who has seen the proposal, after it was shown."""
+    """Write down who has seen the proposal, after it was shown with so many lines of the journal."""
     from kincal.review.decisions import see
 
     keys = file_of(key_file)
     path = FILE_OUT.convert(journals.place(journal, keys), None, None)
-    see(path, found, by, log, signer_of(keys), stood_out)
+    see(path, found, by, log, signer_of(keys), stood_out, shown_with)
     say(f"recorded in {path}: {by} has seen correction {found.crc_text}", err=err)
 
 

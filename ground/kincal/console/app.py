@@ -24,13 +24,15 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from kincal import __version__
+from kincal.link import crc_text
 from kincal.pages import theme
+from kincal.review import parse_crc
 from kincal_shared.errors import KincalError
 
 from . import own, question
 from .bench import Bench
 from .desk import Desk, Words
-from .dictionary import dictionary
+from .dictionary import dictionary, of_error
 from .geometry import Geometry
 from .guard import Access, Guard
 from .past import Past
@@ -157,7 +159,8 @@ def _finite(value: Any) -> Any:
 
 async def _refused(_request: Request, error: Exception) -> Response:
     """An error of the library: what, where and what to do."""
-    return JSONResponse({"ok": False, "text": str(error)}, 409)
+    assert isinstance(error, KincalError)
+    return JSONResponse({"ok": False, "text": of_error(error)}, 409)
 
 
 async def _not_asked_so(_request: Request, error: Exception) -> Response:
@@ -289,7 +292,9 @@ def _desk_routes(console: Console) -> list[Route]:
             act = lambda: what(desk, body, request)  # noqa: E731
             if not once:
                 return _json(await to_thread.run_sync(act, limiter=aborts))
-            return _json(await run_in_threadpool(desk.once, str(body.get("number", "")), act))
+            return _json(
+                await run_in_threadpool(desk.once, _text(body, "number"), act, _asked(request, body))
+            )
 
         return Route(path, answer, methods=["POST"])
 
@@ -299,7 +304,8 @@ def _desk_routes(console: Console) -> list[Route]:
         return Words(_text(body, "by"), _text(body, "why"))
 
     def crc(request: Request) -> str:
-        return str(request.path_params["crc"])
+        """As the journal and the picture have it: another spelling would be another correction to them."""
+        return crc_text(parse_crc(str(request.path_params["crc"])))
 
     def remark(desk: Desk, body: Plain, request: Request) -> Plain:
         line = _number(body.get("answers", 0), "answers")
@@ -347,7 +353,9 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
             if desk is None:
                 return _json({"ok": False, "text": "this is a recording: nothing can be sent"}, 409)
             act = lambda: what(kind(request), body)  # noqa: E731
-            return _json(await run_in_threadpool(desk.once, str(body.get("number", "")), act))
+            return _json(
+                await run_in_threadpool(desk.once, _text(body, "number"), act, _asked(request, body))
+            )
 
         return Route(path, answer, methods=["POST"])
 
@@ -478,6 +486,11 @@ def _text(body: Plain, key: str) -> str:
     if not isinstance(value, str):
         raise HTTPException(400, f"{key} is no text")
     return value
+
+
+def _asked(request: Request, body: Plain) -> str:
+    """What a request says, to tell it from another one."""
+    return f"{request.url.path} {json.dumps(body, sort_keys=True)}"
 
 
 def _number(value: Any, name: str) -> int:

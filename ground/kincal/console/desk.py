@@ -5,6 +5,7 @@ to the first was lost, is answered again and carried out once."""
 
 from __future__ import annotations
 
+import hashlib
 import math
 import tempfile
 import threading
@@ -47,10 +48,12 @@ from kincal_shared.keys import read as read_keys
 
 from . import remarks
 from .clearances import Clearances, Found
+from .dictionary import in_forms
 from .document import document, plain_grid, section
 from .picture import Picture
 
 _REMEMBERED = 500
+_MOST_NUMBER = 100  # characters
 _ABORT_WAIT_S = 5.0
 _LISTEN_S = 3.0
 _CHECK_AGAIN_S = 20.0  # recordings are large
@@ -81,7 +84,7 @@ class Desk:
     elsewhere: Callable[[], Sequence[Path]] = tuple
     _values_by_crc: dict[int, changes.KinValues] = field(default_factory=dict)
     _missed_s: dict[int, float] = field(default_factory=dict)  # when a table was looked for in vain
-    _done: OrderedDict[str, Plain | KincalError] = field(default_factory=OrderedDict)
+    _done: OrderedDict[str, tuple[str, Plain | Exception]] = field(default_factory=OrderedDict)
     _accepted: dict[int, int] = field(default_factory=dict)  # by key: highest counter that flight accepted
     missing: str = ""  # what `journal_missing` found
     _noted: bool = False
@@ -160,31 +163,42 @@ class Desk:
                 return ""  # of a journal that is not sound, the list of its lines says so
         if why and not self._noted:
             self._noted = True
-            self.picture.note("error", "JOURNAL_MISSING", f"{why}. To do: {journal.MISSING_TODO}")
-        self.missing = f"{why}. {journal.MISSING_TODO}." if why else ""
+            self.picture.note("error", "JOURNAL_MISSING", in_forms(f"{why}. To do: {journal.MISSING_TODO}"))
+        self.missing = in_forms(f"{why}. {journal.MISSING_TODO}.") if why else ""
         return self.missing
 
     # ---- once
 
-    def once(self, number: str, what: Callable[[], Plain]) -> Plain:
+    def once(self, number: str, what: Callable[[], Plain], asked: str = "") -> Plain:
         """The answer, or the error, of a request with this number, which is carried out the first time only.
-        One after the other: two signed commands at once would overtake each other."""
-        if not number:
-            raise BadInput("the request has no number")
+        One after the other: two signed commands at once would overtake each other. asked: what the request
+        says. CommandFailed if another one had this number: the answer to that is none to this one."""
+        if not number or len(number) > _MOST_NUMBER:
+            raise BadInput("the request has no number, or one that is too long")
+        digest = hashlib.sha256(asked.encode("utf-8", "surrogatepass")).hexdigest()
         with self._one:
-            if (before := self._done.get(number)) is not None:
-                if isinstance(before, KincalError):
+            if number in self._done:
+                of, before = self._done[number]
+                if of != digest:
+                    raise CommandFailed(
+                        "another request had this number: nothing was sent",
+                        todo="look at the state, then send it with a number of its own",
+                    )
+                if isinstance(before, Exception):
                     raise before
                 return {**before, "again": True}
             try:
                 answer = what()
-            except KincalError as error:
-                self._done[number] = error
+            except (KincalError, OSError) as error:
+                self._remember(number, digest, error)
                 raise
-            self._done[number] = answer
-            while len(self._done) > _REMEMBERED:
-                self._done.popitem(last=False)
+            self._remember(number, digest, answer)
             return answer
+
+    def _remember(self, number: str, digest: str, answer: Plain | Exception) -> None:
+        self._done[number] = digest, answer
+        while len(self._done) > _REMEMBERED:
+            self._done.popitem(last=False)
 
     # ---- commands
 
@@ -310,7 +324,7 @@ class Desk:
             words.why.strip(),
             self.journal_path,
             self.timeout_s if timeout_s is None else timeout_s,
-            say or (lambda text: self.picture.note("info", "DESK", text)),
+            say or (lambda text: self.picture.note("info", "DESK", in_forms(text))),
             operate.verified(operate.Snapshot(), self._verifier("decision")),
         )
 
@@ -319,7 +333,7 @@ class Desk:
 
         def say(step: operate.Step) -> None:
             severity = "error" if step.stage == operate.REFUSED else "info"
-            self.picture.note(severity, step.stage.upper(), f"{name}: {step.evidence}")
+            self.picture.note(severity, step.stage.upper(), in_forms(f"{name}: {step.evidence}"))
 
         return say
 
@@ -375,7 +389,10 @@ class Desk:
     def _found(self, crc: str) -> Review:
         message = self.picture.proposal(crc)
         if message is None:
-            raise BadInput(f"correction {crc} was not heard by this console", todo="open its recording")
+            raise BadInput(
+                f"correction {crc} was not heard by this console",
+                todo="`kincal serve --log FILE` shows its recording; it can be rejected in the inbox",
+            )
         if unsigned32(message.crc) in self.picture.disputed:
             raise two_messages(unsigned32(message.crc), self.url)
         return from_message(message, coef_names(self.tables_dir, unsigned32(message.crc_terms)))
@@ -410,34 +427,41 @@ class Desk:
         at, None if it is the page as it is now. CommandFailed if it says something else by now."""
         check_words(by, "seen")
         found, clear = self._found(crc), self._clearance(self._found(crc))
-        if clear is not None and clear.status in ("running", "waiting"):
-            raise CommandFailed(
-                f"clearance and reach of correction {crc} are still being computed: nobody has seen them",
-                todo="wait until they stand on the page",
-            )
+        _refuse_computing(crc, clear)
         known, why = (clear.corrected, clear.why) if clear else (None, "")
         limits = read_limits(self.tables_dir)
         found, _, stands_out = with_clearance(found, self._changes(found, limits), known, why)
-        kept = self._sound()
-        stands_out = _stands_out(stands_out, kept, crc)
-        if shown not in (None, remarks.stamp(stands_out, remarks.listed(kept, crc))):
-            raise CommandFailed(
-                f"the page of correction {crc} says more than the one that {by.strip()} was shown",
-                todo="it is drawn again: read what is new, above all questions and reasons to reject it, "
-                "then say that you have seen it",
-            )
+        kept, found_out = self._sound(), tuple(stands_out)
+
+        def check(now: journal.Journal) -> None:
+            page = remarks.stamp(_stands_out(found_out, now, crc), remarks.listed(now, crc))
+            if shown not in (None, page):
+                raise CommandFailed(
+                    f"the page of correction {crc} says more than the one that {by.strip()} was shown",
+                    todo="it is drawn again: read what is new, above all questions and reasons to reject it, "
+                    "then say that you have seen it",
+                )
+
+        check(kept)
+        stands_out = _stands_out(found_out, kept, crc)
         mine = kept.seen_by(by, crc)
         if mine and mine.against == found.against and not decisions.remarks_since(kept, mine, by):
             return {"ok": True, "text": f"{by} has seen correction {crc}"}
-        why = "; ".join(stands_out) or "nothing stood out"
-        record(self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, self._signer())
+        why = decisions.seen_text(stands_out)
+        signer = self._signer()
+        record(
+            self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, signer, check=check
+        )  # fmt: skip
         return {"ok": True, "text": f"{by} has seen correction {crc}"}
 
     def decide(self, what: str, crc: str, words: Words, override: str = "") -> Plain:
         """arm, go or reject."""
         said: list[str] = []
+        note = lambda text: said.append(in_forms(text))  # noqa: E731
         operate.refuse_several("the decision", self.picture.several(), self.url)
-        who, against = self.operator(words, said.append), self._against(crc)
+        if what == "arm" and self.picture.proposal(crc) is not None:
+            _refuse_computing(crc, self._clearance(self._found(crc)))
+        who, against = self.operator(words, note), self._against(crc)
         with Link(self.url, signer=self._signer()) as link:
             if what == "arm":
                 decisions.arm(link, crc, who, override.strip(), against)
@@ -464,6 +488,15 @@ class Desk:
         return [{**_line(e), "unfinished": any(e is one for one in open_)} for e in reversed(entries)]
 
 
+def _refuse_computing(crc: str, clear: Found | None) -> None:
+    """CommandFailed while there may be a reason to reject a correction in a few seconds."""
+    if clear is not None and clear.status in ("running", "waiting"):
+        raise CommandFailed(
+            f"clearance and reach of correction {crc} are still being computed: nobody has seen them",
+            todo="wait until they stand on the page",
+        )
+
+
 def _listen_s(timeout_s: float) -> float:
     """How long telemetry is listened to before a command: three times its period."""
     return min(timeout_s, _LISTEN_S)
@@ -477,7 +510,7 @@ def _heard(snapshot: operate.Snapshot) -> bool:
 def _outcome(tracked: operate.Tracked) -> Plain:
     return {
         "ok": tracked.outcome == operate.DONE,
-        "text": tracked.last_line,
+        "text": in_forms(tracked.last_line),
         "steps": tracked.as_dict()["verifiers"],
     }
 

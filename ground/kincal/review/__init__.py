@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -348,12 +348,13 @@ def record(
     armed_key: int = 0,
     kind: str = "",
     answers: int = 0,
+    check: Callable[[journals.Journal], None] | None = None,
 ) -> Entry:
     """Append one decision, which the last command of the signer carried out, or what was seen or attempted;
     review: the proposal, or an entry that has its numbers; override: why it was approved in spite of the
     reasons to reject it; command: that was attempted or refused; armed_key: that took the first step of what
     is approved; kind: of the table that the command is about; answers: line of the question that a comment
-    answers. Refuses when the journal was tampered with."""
+    answers; check: as for `journal.append`. Refuses when the journal was tampered with."""
     check_words(by, why)
     check_words(by, override.strip() or "-")
     entry = Entry(
@@ -373,7 +374,7 @@ def record(
         kind=kind,
         answers=answers,
     )
-    return journals.append(journal, entry, signer)
+    return journals.append(journal, entry, signer, check)
 
 
 def check_journal(journal: Path, keys: Sequence[Key] = ()) -> list[Entry]:

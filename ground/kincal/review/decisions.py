@@ -35,6 +35,7 @@ from . import (
 )
 
 LEAST_WORDS = 3
+_MOST_OF_ONE, _MOST_SEEN = 400, 10_000  # characters that the line of what was seen has of what stood out
 _MOST_WAIT_S = 3600.0  # between the two steps, whatever CONFIG says (docs/TABLES.md, approval_timeout_us)
 """Of an override: who reads the journal later has to learn from it why."""
 OVERRIDE = int(library("flight").constant("KC_OVERRIDE_FIT"))
@@ -43,6 +44,16 @@ Accepted = Callable[[], None]
 Command = Callable[[CommandLink, str, tuple[int, ...], float, Accepted], None]
 """Sends a command (link, opcode, arguments, time-out) once, and calls what it is given as soon as flight has
 taken it. CommandFailed if flight refuses it or does not answer."""
+
+
+def seen_text(stood_out: Sequence[str]) -> str:
+    """What stood out, for the line that it was seen. A question stands in full in its own line: one as long
+    as a line may be, said again here, would leave no room, and nobody could have seen it."""
+    return _cut("; ".join(_cut(one, _MOST_OF_ONE) for one in stood_out), _MOST_SEEN) or "nothing stood out"
+
+
+def _cut(text: str, most: int) -> str:
+    return f"{text[:most]} …" if len(text) > most else text
 
 
 def _silent(_text: str) -> None:
@@ -160,12 +171,25 @@ def see(
     log: Path,
     signer: Signer,
     stood_out: Sequence[str] | None = None,
+    shown_with: int | None = None,
 ) -> Entry:
     """Write down that somebody has seen a proposal of a log, with everything that stood out, as it was
-    shown."""
+    shown. shown_with: how many lines the journal had when it was read, None: not known. CommandFailed
+    if somebody else has written of the proposal since: clearance and page take seconds."""
     check_words(by, "seen")
-    why = "; ".join(warnings(review) if stood_out is None else stood_out) or "nothing stood out"
-    return record(journal_file, journal.SEEN, review.crc, by, why, str(log.resolve()), review, signer)
+    why = seen_text(warnings(review) if stood_out is None else stood_out)
+
+    def check(now: journal.Journal) -> None:
+        if shown_with is not None and (new := _remarks_after(now, shown_with, review.crc_text, by)):
+            raise CommandFailed(
+                f"while correction {review.crc_text} was shown to {by}, this was written: {'; '.join(new)}",
+                str(journal_file),
+                "look at it again: that it was seen is not in the journal",
+            )
+
+    return record(
+        journal_file, journal.SEEN, review.crc, by, why, str(log.resolve()), review, signer, check=check
+    )
 
 
 def arm(
@@ -266,7 +290,7 @@ def _recorded(case: _Case, who: Operator, command: str, override: str = "") -> I
         if not case.taken:
             known = isinstance(error, KincalError) and not isinstance(error, NoAnswer)
             why = str(error).splitlines()[0] if isinstance(error, KincalError) else "interrupted"
-            write(journal.REFUSED if known else journal.UNANSWERED, why)
+            write(journal.REFUSED if known else journal.UNANSWERED, _cut(why, _MOST_SEEN))  # it may quote
         raise
     for unwritten in case.unwritten:
         raise CommandFailed(
@@ -364,25 +388,34 @@ def _check_holder(case: _Case, link: CommandLink) -> None:
 
 def remarks_since(before: journal.Journal, seen: Entry, by: str) -> list[str]:
     """Comments and questions about a correction that others wrote after a line that says that it was seen."""
-    at = max(n for n, entry in enumerate(before.entries, 1) if entry == seen)
+    return _remarks_after(before, _line(before, seen), seen.crc, by)
+
+
+def _line(kept: journal.Journal, entry: Entry) -> int:
+    return max(n for n, one in enumerate(kept.entries, 1) if one == entry)
+
+
+def _remarks_after(found: journal.Journal, at: int, crc: str, by: str) -> list[str]:
+    """Comments and questions about a correction that others wrote below a line."""
     mine = by.strip().casefold()
     return [
-        journal.remark_text(n, e)
-        for n, e in enumerate(before.entries, 1)
-        if n > at and e.decision in journal.REMARKS and e.crc == seen.crc and e.by.strip().casefold() != mine
+        _cut(journal.remark_text(n, e), _MOST_OF_ONE)
+        for n, e in enumerate(found.entries, 1)
+        if n > at and e.decision in journal.REMARKS and e.crc == crc and e.by.strip().casefold() != mine
     ]
 
 
 def _look_at_questions(case: _Case, who: Operator, seen: Entry) -> None:
     """Name the open questions; BadInput if somebody else has asked or said something of the correction since
     `who.by` has seen it: an answer may be a reason to reject it."""
-    if new := remarks_since(case.before, seen, who.by):
+    now = journal.read(who.journal, case.signer.known)  # housekeeping was waited for since `case.before`
+    if new := _remarks_after(now, _line(case.before, seen), seen.crc, who.by):
         raise BadInput(
             f"{who.by} saw correction {case.text} before this was written: {'; '.join(new)}",
             str(who.journal),
             "look at it again with `kincal review show`, then decide",
         )
-    for n, entry in case.before.open_questions(case.text).items():
+    for n, entry in now.open_questions(case.text).items():
         who.say(f"note: {journal.question_text(n, entry)}")
 
 

@@ -220,9 +220,10 @@ def remark_text(number: int, entry: Entry) -> str:
     return f"{entry.words} by {entry.by}, {entry.time} (line {number}): {one_line(entry.why)}"
 
 
-def append(path: Path, entry: Entry, signer: Signer) -> Entry:
+def append(path: Path, entry: Entry, signer: Signer, check: Callable[[Journal], None] | None = None) -> Entry:
     """Add an entry, with what ties it to the line before and to the last command of the signer; it is on the
-    medium when this returns. BadInput as `read`, or if the line cannot be written."""
+    medium when this returns. BadInput as `read`, or if the line cannot be written. check: takes the journal
+    while nobody else can write, and raises if the entry does not hold any more."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError as error:
@@ -233,6 +234,8 @@ def append(path: Path, entry: Entry, signer: Signer) -> Entry:
         lock(file, path, LOCK_WAIT_S)
         raw = file.readall()
         before = _parsed(path, raw, signer.known)
+        if check is not None:
+            check(before)
         entry = dataclasses.replace(
             entry,
             previous=_hash(_lines(raw)[-1]) if raw else "",

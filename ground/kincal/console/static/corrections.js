@@ -73,13 +73,24 @@ function inbox() {
   const what = (p) => (p.crc === hk?.proposal ? "waits for a decision" : p.crc === hk?.tables.KIN ? "in force" : "");
   show(parts.inbox, el("h2", {}, "Inbox"),
     hk?.proposal && !list.some((p) => p.crc === hk.proposal)
-      ? el("p", { class: "attention" }, `▲ Correction ${hk.proposal} waits on board, and was sent before this console listened: it cannot be shown here. See it by its recording: kincal review show LOG --crc ${hk.proposal} --by NAME. It can be rejected by kincal review reject.`) : null,
+      ? el("p", { class: "attention" }, `▲ Correction ${hk.proposal} waits on board, and was sent before this console listened: it cannot be shown here. Its recording shows it: kincal serve --log FILE.`) : null,
+    unheard(hk, list),
     list.length ? el("ul", {}, list.map((p) => el("li", { class: p.crc === chosen ? "chosen" : "" },
       el("a", { href: `#corrections/${p.crc}` },
         el("b", {}, mark(KIND[p.verdict] ?? "unknown", p.verdict), ` ${p.crc}`), el("span", { class: "attention" }, what(p)),
         el("small", {}, `${p.verdict}; session ${p.session}, ${p.poses} poses${p.ended ? `, measuring ended: ${p.ended}` : ""}, ${fixed(p.before_mm, 2)} → ${fixed(p.fit_mm, 2, "mm")}; ${mission(p.t_us)}`)))))
       : el("p", { class: "muted" }, "No correction was proposed since this console was started."));
 }
+
+// What nobody can be shown here can still be rejected: a new calibration is safe.
+function unheard(hk, list) {
+  if (!hk?.proposal || !store.about.live || list.some((p) => p.crc === hk.proposal)) return null;
+  return rejection(hk.proposal, hk, `Reject ${hk.proposal} …`, () => journal());
+}
+const rejection = (crc, hk, label, done) => confirmed({
+  label, act: "REJECT", danger: true, path: `review/${crc}/reject`, key: `reject:${crc}`, disabled: store.about.why_no_key, done,
+  text: () => `Correction ${crc} is dropped for good; table ${hk.tables.KIN} stays in force. A new one needs a new calibration.`,
+});
 
 function force() {
   const hk = store.values.KC_HK?.data;
@@ -143,7 +154,13 @@ async function load() {
   try {
     found = await ask(`review/${encodeURIComponent(crc)}`);
   } catch (error) {
-    if (parts && crc === chosen) { show(parts.review, el("p", { class: "bad" }, ...prose(error.message))); show(parts.decide); }
+    if (!parts || crc !== chosen) return;
+    const hk = store.values.KC_HK?.data;
+    shown = null;
+    show(parts.review, el("p", { class: "bad" }, ...prose(error.message)));
+    // the inbox offers it where it was not heard
+    const listed = hk?.proposal === crc && store.about.live && (store.values.inbox?.data ?? []).some((p) => p.crc === crc);
+    if (!onItsWay(crc)) show(parts.decide, el("h2", {}, "Decision"), listed ? rejection(crc, hk, "Reject …", () => { load(); journal(); }) : null);
     return;
   }
   if (!parts || crc !== chosen) return;
@@ -218,6 +235,7 @@ function decision() {
   const poor = found.reasons.length > 0, wait = computing(found.clearance) ? "clearance and reach are still being computed" : "";
   const again = () => { load(); journal(); };
   const open = found.remarks.filter((r) => r.open).length; // they stand below, each with its answer
+  const asks = open ? ` ▲ ${open > 1 ? `${open} questions are` : "1 question is"} open.` : "";
   const first = [...found.look_at.filter((text) => !text.startsWith("open question by ")), ...(open ? [`${open} open question${open > 1 ? "s" : ""}, below`] : [])];
   show(parts.decide, el("h2", {}, "Decision"),
     poor ? el("div", { class: "bad" }, el("p", {}, "◆ There are reasons to reject it:"), el("ul", {}, found.reasons.map((r) => el("li", {}, r)))) : el("p", {}, wait ? `● No number fails its threshold so far; ${wait}.` : "● No number fails its threshold. Read the page beside before you decide."),
@@ -228,17 +246,14 @@ function decision() {
       el("li", { class: armed ? "done" : found.seen_by.length ? "next" : "" }, el("b", {}, "ARM"), twoPersons(hk, armed), armed ? el("p", { class: "small" }, hk.armed_key ? `armed by key ${hk.armed_key}` : "armed") : confirmed({
         label: "Arm the approval …", act: "ARM", path: `review/${crc}/arm`, key: `arm:${crc}`, disabled: why || wait || (found.seen_by.length ? "" : "nobody has seen it yet"), done: again,
         more: poor ? [OVERRIDE] : [],
-        text: () => `First step: flight is armed for correction ${crc}. Nothing is in force yet.`,
+        text: () => `First step: flight is armed for correction ${crc}. Nothing is in force yet.${asks}`,
       })),
       el("li", { class: armed ? "next" : "" }, el("b", {}, "GO"), el("p", { class: "small countdown" }), otherKey(armed, found.go), armed ? confirmed({
         label: "Put it in force …", act: "GO", danger: true, path: `review/${crc}/go`, key: `go:${crc}`, disabled: why || found.go.why_not, done: again,
         more: found.go.override ? [OVERRIDE] : [],
-        text: () => `Second step: correction ${crc} replaces ${hk.tables.KIN} for every motion from now on.${found.go.override ? " It was armed elsewhere: the journal of this console does not say why the reasons to reject it are overridden." : ""}`,
+        text: () => `Second step: correction ${crc} replaces ${hk.tables.KIN} for every motion from now on.${found.go.override ? " It was armed elsewhere: the journal of this console does not say why the reasons to reject it are overridden." : ""}${asks}`,
       }) : el("p", { class: "small muted" }, "after ARM"))),
-    el("h2", {}, "Or reject it"), confirmed({
-      label: "Reject …", act: "REJECT", danger: true, path: `review/${crc}/reject`, key: `reject:${crc}`, disabled: why, done: again,
-      text: () => `Correction ${crc} is dropped for good; table ${hk.tables.KIN} stays in force. A new one needs a new calibration.`,
-    }),
+    el("h2", {}, "Or reject it"), rejection(crc, hk, "Reject …", again),
     el("h2", {}, "Ask or comment"), el("p", { class: "small muted" }, "A question stays open, for everybody who decides, until somebody answers it. Whoever has seen the correction before has to look at it again."), confirmed({
       label: "Write to the journal …", act: "Write", path: `review/${crc}/remark`, key: `remark:${crc}`, disabled: why, done: again, fields: ["by"],
       more: [{ name: "what", label: "Kind", value: "question", choices: [["question", "question, that somebody has to answer"], ["comment", "comment"]] }, { name: "text", label: "Text", long: true }],
@@ -252,14 +267,16 @@ const OVERRIDE = { name: "override", label: "Override: why it is approved in spi
 // What people have asked and said of it, oldest first; an open question is answered here.
 function remarks(crc, list, why, again) {
   if (!list.length) return null;
+  const typed = (line) => kept(`draft:answer:${line}:${crc}`, {}).text;
   const answers = (line) => list.filter((r) => r.answers === line);
   const head = (r) => el("p", {}, el("b", {}, `${r.open ? "▲ open question" : r.what === "question" ? "● question, answered" : r.answers ? "answer" : "comment"} `), el("small", {}, `${r.by}, key ${r.key}, ${utcText(r.time)}, line ${r.line}${r.answers ? `, to line ${r.answers}` : ""}`));
   const one = (r) => el("li", { class: r.open ? "open" : "" }, head(r), el("p", { class: "pre" }, r.text),
     ...answers(r.line).map((a) => el("div", { class: "answered" }, head(a), el("p", { class: "pre" }, a.text))),
-    r.open ? confirmed({
-      label: `Answer line ${r.line} …`, act: "Write the answer", path: `review/${crc}/remark`, key: `answer:${r.line}:${crc}`, disabled: why, done: again, fields: ["by"],
+    r.open || typed(r.line) ? confirmed({
+      label: `${r.open ? "Answer" : "Add to"} line ${r.line} …`, act: "Write the answer", path: `review/${crc}/remark`, key: `answer:${r.line}:${crc}`, disabled: why, done: again, fields: ["by"],
       body: () => ({ what: "comment", answers: r.line }), more: [{ name: "text", label: `Answer to ${r.by}`, long: true }],
-      text: () => "The question is closed by it; the journal keeps both.",
+      text: () => r.open ? "The question is closed by it; the journal keeps both." : "▲ Somebody has answered meanwhile. What you have typed is added to it.",
+      closing: () => { if (!r.open) { keep(`draft:answer:${r.line}:${crc}`, {}); again(); } },
     }) : null);
   const lines = new Set(list.map((r) => r.line));
   return el("section", { class: "remarks", "aria-label": "Questions and comments" }, el("h2", {}, "Questions and comments"), el("ul", {}, list.filter((r) => !lines.has(r.answers)).map(one)));
