@@ -3,10 +3,10 @@
     suite.py --junit build/junit --logs build/log --first build lint ...    run steps with make
     suite.py --junit build/junit --sum                                      only the closing line
 
-Three steps more than there are processors run at once: many wait for messages or a clock, and with two
-more a quarter of the processors' time was left. Each gets PROCESSORS=1. They begin in the order given: the
-longest come first, so that none is left at the end. What several steps need is made before (--first), on all
-processors. Each step is printed with the seconds that it took and those of the processors.
+Two steps more than there are processors run at once, since many wait for messages or a clock; each gets
+PROCESSORS=1. They begin in the order given: the longest come first, so that none is left at the end.
+What several steps need is made before (--first), on all processors. Each step is printed with the seconds
+that it took and those of the processors.
 
 Tests are counted from the JUnit files that CTest and pytest wrote, never from exit codes; a step
 without tests (lint, size ...) or one that fails without a failed test counts as one failure when it fails.
@@ -93,7 +93,7 @@ def outcome(step: str, code: int, seconds: float, busy_s: float, junit: Path, lo
 
 def run_all(first: list[str], steps: list[str], junit: Path, logs: Path, processors: int) -> list[dict]:
     done = [outcome(step, *run(step, logs, processors), junit, logs) for step in first]
-    with ThreadPoolExecutor(processors + 3) as lanes:
+    with ThreadPoolExecutor(processors + 2) as lanes:
         running = {lanes.submit(run, step, logs, 1): step for step in steps}
         done += [outcome(running[f], *f.result(), junit, logs) for f in as_completed(running)]
     return done
