@@ -473,22 +473,28 @@ def test_what_to_do_is_said_as_the_form_that_does_it(live, flight):
     assert "GO puts it in force, Reject drops it" in todo(f"{at}/arm", **words)
 
 
-def test_a_reason_to_reject_leads_to_the_forms_of_override_and_reject(geometry, own_key_file):
+@pytest.fixture
+def poor(geometry, own_key_file):
+    """A flight that waits with a poor fit, what the console knows of it, and the desk that decides."""
     message = proposal(verdict=kcm.proposal_t.POOR)
     message.crc_terms = 0
     with FakeFlight(proposal_crc=CRC, verdict=kcm.proposal_t.POOR) as flight:
         picture = Picture(geometry)
         picture.add("KC_PROPOSAL", message)
-        desk = Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=3.0)
-        desk.see(f"{CRC:08x}", "B")
-        for override, place, todo in (
-            ("", "", "Reject; to approve it in spite of them, ARM with an override of at least 3 words"),
-            ("just go", "Override", "say why it is approved in spite of the reasons to reject it"),
-        ):
-            with pytest.raises(BadInput) as refused:
-                desk.decide("arm", f"{CRC:08x}", Words("B", "agreed"), override)
-            said = of_error(refused.value)
-            assert f"to do: {todo}" in said and (f"where: {place}" in said or not place)
+        yield flight, picture, Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=3.0)
+
+
+def test_a_reason_to_reject_leads_to_the_forms_of_override_and_reject(poor):
+    _, _, desk = poor
+    desk.see(f"{CRC:08x}", "B")
+    for override, place, todo in (
+        ("", "", "Reject; to approve it in spite of them, ARM with an override of at least 3 words"),
+        ("just go", "Override", "say why it is approved in spite of the reasons to reject it"),
+    ):
+        with pytest.raises(BadInput) as refused:
+            desk.decide("arm", f"{CRC:08x}", Words("B", "agreed"), override)
+        said = of_error(refused.value)
+        assert f"to do: {todo}" in said and (f"where: {place}" in said or not place)
     todo = "see to the journal, then write down by `kincal review comment` what came of it"
     assert of_error(BadInput("x", todo=todo)).endswith(
         "see to the journal, then write to the journal what came of it"
@@ -618,23 +624,18 @@ def test_what_is_kept_is_bounded_and_a_full_medium_ends_only_the_keeping(geometr
     assert memory.trouble
 
 
-def test_a_poor_fit_is_armed_by_an_override_only(geometry, own_key_file):
-    message = proposal(verdict=kcm.proposal_t.POOR)
-    message.crc_terms = 0
-    with FakeFlight(proposal_crc=CRC, verdict=kcm.proposal_t.POOR) as flight:
-        picture = Picture(geometry)
-        picture.add("KC_PROPOSAL", message)
-        desk = Desk(flight.url, own_key_file, None, BIN, picture, timeout_s=3.0)
-        app = make_app(Console(flight.url, geometry, picture, desk), ACCESS)
-        with Live(flight.url, picture), TestClient(app, base_url=ORIGIN) as client:
-            at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "b"}
-            assert "flight itself calls the fit poor" in client.get(at, headers=GOOD).json()["reasons"][0]
-            assert see(client, "A").json()["ok"]
-            refused = post(client, f"{at}/arm", number="2", **words)
-            assert refused.status_code == 409 and "ARM with an override" in refused.json()["text"]
-            assert flight.commands == []
-            assert post(client, f"{at}/arm", number="3", override="2 mm will do", **words).json()["ok"]
-        assert flight.overrides == [1]
+def test_a_poor_fit_is_armed_by_an_override_only(poor, geometry, own_key_file):
+    flight, picture, desk = poor
+    app = make_app(Console(flight.url, geometry, picture, desk), ACCESS)
+    with Live(flight.url, picture), TestClient(app, base_url=ORIGIN) as client:
+        at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "b"}
+        assert "flight itself calls the fit poor" in client.get(at, headers=GOOD).json()["reasons"][0]
+        assert see(client, "A").json()["ok"]
+        refused = post(client, f"{at}/arm", number="2", **words)
+        assert refused.status_code == 409 and "ARM with an override" in refused.json()["text"]
+        assert flight.commands == []
+        assert post(client, f"{at}/arm", number="3", override="2 mm will do", **words).json()["ok"]
+    assert flight.overrides == [1]
     assert journal.read(journal.place(None, own_key_file)).entries[-1].override == "2 mm will do"
 
 

@@ -37,12 +37,21 @@ expect.set_options(timeout=30_000)  # of a busy machine
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 
 
-@pytest.fixture(scope="module")
-def browser():
+@contextlib.contextmanager
+def launched(*flags):
+    """Chromium, which draws in software: the scene in three dimensions takes half of its time."""
     with sync_playwright() as playwright:
-        made = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        made = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu", *flags]
+        )
         yield made
         made.close()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with launched() as made:
+        yield made
 
 
 class Served:
@@ -155,9 +164,12 @@ def test_a_calibration_is_reviewed_approved_in_two_steps_and_seen_in_force(brows
                 page.locator("#clearance").scroll_into_view_if_needed()
                 shot(page, "corrections-clearance")
             expect(page.locator(".decide .steps button", has_text="Arm the approval")).to_be_disabled()
+            page.evaluate("document.querySelector('.document .figure').read = true")
             page.locator("form.seen input").fill("A. Reviewer")
             page.get_by_role("button", name="I have seen it").click()
             page.get_by_role("button", name="Arm the approval").click()
+            # a figure that the reader has zoomed stays so
+            assert page.evaluate("document.querySelector('.document .figure').read")
             form = page.locator(".decide form", has=page.get_by_role("button", name="ARM", exact=True))
             form.locator("input[name=why]").fill("residuals clean, half of a sen")
             assert serious(page) == []

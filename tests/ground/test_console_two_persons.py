@@ -3,11 +3,12 @@
 import contextlib
 import threading
 
+import pytest
 import uvicorn
 from playwright.sync_api import expect
 from test_console_browser import (
     Served,
-    browser,  # noqa: F401 the fixture
+    launched,
     opened,
     pytestmark,  # noqa: F401 as there: without Chromium nothing runs
     serious,
@@ -53,8 +54,15 @@ class Seat(Served):
             pass
 
 
+@pytest.fixture(scope="module")
+def browser():
+    """One without WebGL: nothing is drawn in three dimensions, all else works."""
+    with launched("--disable-3d-apis") as made:
+        yield made
+
+
 @contextlib.contextmanager
-def two_seats(browser, flight, folder):  # noqa: F811
+def two_seats(browser, flight, folder):
     """Pages of both persons, at the correction that waits."""
     with contextlib.ExitStack() as stack:
         pages = []
@@ -83,15 +91,7 @@ def act(page, opens, name, **words):
     form.get_by_role("button", name=name, exact=True).click()
 
 
-def dark(page, name):
-    """A picture in both sets of colours."""
-    shot(page, f"{name}-light")
-    page.emulate_media(color_scheme="dark")
-    shot(page, f"{name}-dark")
-    page.emulate_media(color_scheme="light")
-
-
-def test_what_one_person_arms_another_lets_go_at_a_second_console(browser, made, tmp_path):  # noqa: F811
+def test_what_one_person_arms_another_lets_go_at_a_second_console(browser, made, tmp_path):
     with WaitingFlight(made, tmp_path, tick_s=0.02) as flight, two_seats(browser, flight, tmp_path) as (a, b):
         crc, before = made.text, flight.in_force
         for page in (a, b):
@@ -110,8 +110,9 @@ def test_what_one_person_arms_another_lets_go_at_a_second_console(browser, made,
         expect(a.locator(".other-key")).to_contain_text("This console signs with key 1")
         expect(a.get_by_role("button", name="Put it in force")).to_be_disabled()
         expect(b.locator(".other-key")).to_have_count(0)
+        b.emulate_media(color_scheme="dark")
         assert serious(a) == [] and serious(b) == []
-        dark(a, "two-persons-first")
+        shot(a, "two-persons-first")
         left = a.locator(".countdown").inner_text()
         expect(a.locator(".countdown")).not_to_have_text(left)  # it counts down
 
@@ -123,7 +124,7 @@ def test_what_one_person_arms_another_lets_go_at_a_second_console(browser, made,
         expect(b.locator(".document h1")).to_contain_text(crc)
         b.get_by_role("link", name="Now").click()
         expect(b.locator(".state")).to_contain_text("left for GO with another key than key 1")
-        dark(b, "two-persons-now")
+        shot(b, "two-persons-now")
         b.get_by_role("link", name="Corrections").click()  # as it was left
         expect(b.locator(".document h1")).to_contain_text(crc)
         assert flight.commands == [(ARM, 1)]
@@ -135,20 +136,20 @@ def test_what_one_person_arms_another_lets_go_at_a_second_console(browser, made,
             expect(page.locator(".force code")).to_have_text(crc)
             expect(page.locator(".decide")).to_contain_text("In force. Nothing to decide.")
         expect(b.locator(".journal")).to_contain_text(f"approve {crc} B. Second, key 101 (armed by key 1)")
-        dark(b, "two-persons-in-force")
+        shot(b, "two-persons-in-force")
 
         # back to what was in force: one person, with what it changes back
         a.get_by_role("button", name="Roll back").click()
         expect(a.locator(".force .preview")).to_contain_text("What changes back")
         a.locator(".force form input[name=why]").fill("tool misses")
-        dark(a, "two-persons-roll-back")
+        shot(a, "two-persons-roll-back")
         a.get_by_role("button", name="ROLLBACK").click()
         for page in (a, b):
             expect(page.locator(".force code")).to_have_text(f"{before:08x}")
         assert flight.commands == [(ARM, 1), (GO, 101), (ROLLBACK, 1)]
 
 
-def test_a_poor_fit_takes_an_override_and_two_persons(browser, made, tmp_path):  # noqa: F811
+def test_a_poor_fit_takes_an_override_and_two_persons(browser, made, tmp_path):
     poor = kcm.proposal_t.POOR
     with WaitingFlight(made, tmp_path, poor, 0.02) as flight, two_seats(browser, flight, tmp_path) as (a, b):
         expect(a.locator(".decide")).to_contain_text("flight itself calls the fit poor")
@@ -157,7 +158,7 @@ def test_a_poor_fit_takes_an_override_and_two_persons(browser, made, tmp_path): 
         form = a.locator("form", has=a.get_by_role("button", name="ARM", exact=True))
         form.locator("input[name=why]").fill("sample at risk")
         expect(form.get_by_role("button", name="ARM", exact=True)).to_be_disabled()  # without an override
-        dark(a, "poor")
+        shot(a, "poor")
         form.locator("[name=override]").fill("will do")
         expect(form).to_contain_text("at least 3 words; 2 so far")
         expect(form.get_by_role("button", name="ARM", exact=True)).to_be_disabled()
@@ -197,7 +198,7 @@ def asked(a, b, form):
     expect(a.locator(".remarks")).to_contain_text("pose 8 too?")
     expect(a.get_by_role("textbox", name="Answer to B. Second")).to_be_focused()  # nothing typed is lost
     expect(a.get_by_role("textbox", name="Answer to B. Second")).to_have_value("no: the lamp was on")
-    dark(a, "question")
+    shot(a, "question")
     assert serious(a) == []
     b.get_by_role("button", name="Answer line").first.click()
     b.get_by_role("textbox", name="Answer to B. Second").fill("it was dusk")
@@ -217,7 +218,7 @@ def asked(a, b, form):
     expect(a.locator("[name=override]")).to_have_value("2 mm will do")
 
 
-def test_what_two_messages_dispute_can_be_rejected_and_nothing_else(browser, made, tmp_path):  # noqa: F811
+def test_what_two_messages_dispute_can_be_rejected_and_nothing_else(browser, made, tmp_path):
     with WaitingFlight(made, tmp_path, tick_s=0.02) as flight, contextlib.ExitStack() as stack:
         seat = Seat(flight, flight.first, tmp_path)
         stack.callback(seat.stop)
@@ -234,7 +235,7 @@ def test_what_two_messages_dispute_can_be_rejected_and_nothing_else(browser, mad
         assert flight.commands == [(REJECT, 1)]
 
 
-def test_what_was_sent_before_the_console_listened_can_be_rejected_there(browser, made, tmp_path):  # noqa: F811
+def test_what_was_sent_before_the_console_listened_can_be_rejected_there(browser, made, tmp_path):
     """It said to do so by a command in a terminal."""
     with WaitingFlight(made, tmp_path, tick_s=0.02) as flight, contextlib.ExitStack() as stack:
         seat = Seat(flight, flight.first, tmp_path, heard=False)
@@ -251,7 +252,7 @@ def test_what_was_sent_before_the_console_listened_can_be_rejected_there(browser
         assert flight.commands == [(REJECT, 1)]
 
 
-def test_the_second_person_may_reject_what_the_first_has_armed(browser, made, tmp_path):  # noqa: F811
+def test_the_second_person_may_reject_what_the_first_has_armed(browser, made, tmp_path):
     with WaitingFlight(made, tmp_path, tick_s=0.02) as flight, two_seats(browser, flight, tmp_path) as (a, b):
         before = f"{flight.in_force:08x}"
         seen(a, "A. First")

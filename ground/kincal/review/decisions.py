@@ -35,9 +35,9 @@ from . import (
 )
 
 LEAST_WORDS = 3
+"""Of an override: who reads the journal later has to learn from it why."""
 _MOST_OF_ONE, _MOST_SEEN = 400, 10_000  # characters that the line of what was seen has of what stood out
 _MOST_WAIT_S = 3600.0  # between the two steps, whatever CONFIG says (docs/TABLES.md, approval_timeout_us)
-"""Of an override: who reads the journal later has to learn from it why."""
 OVERRIDE = int(library("flight").constant("KC_OVERRIDE_FIT"))
 Say = Callable[[str], None]
 Accepted = Callable[[], None]

@@ -27,7 +27,7 @@ export function open(root) {
 }
 export function close() { clearTimeout(timer); parts = null; }
 export function update() { /* flight is not shown here */ }
-export function recolour() { answer?.page?.draw(); }
+export function recolour() { answer?.page?.draw(true); }
 export function at([what]) { if (what) { chosen = what; load(); } }
 
 async function poll() {

@@ -33,7 +33,7 @@ export function at([crc]) {
   if (chosen && !shown) load(); // also when the view is opened again
   else if (crc && shown.crc !== crc) load();
 }
-export function recolour() { shown?.page.draw(); }
+export function recolour() { shown?.page.draw(true); }
 
 export function update() {
   if (!parts) return;
@@ -165,7 +165,7 @@ async function load() {
   }
   if (!parts || crc !== chosen) return;
   const top = shown?.crc === crc ? parts.review.scrollTop : 0;
-  const page = document_(found.page);
+  const page = document_(found.page, shown?.crc === crc ? shown.page : null);
   shown = { crc, found, page };
   decide();
   inbox();

@@ -2,25 +2,30 @@
 import { el } from "./dom.js";
 import { draw } from "./plots.js";
 
-export function document_(page) {
-  const figures = [];
+// before: what stood there: sections that say the same stay as the reader has them, with zoomed figures.
+export function document_(page, before = null) {
+  const sections = page.sections.map((s) => {
+    const text = JSON.stringify(s);
+    return before?.sections.find((b) => b.text === text) ?? { text, figure: s.figure, drawn: false, ...section(s) };
+  });
   const node = el("article", { class: "document" },
     el("h1", {}, page.title), el("p", { class: "sub" }, page.subtitle),
     page.verdict ? el("div", { class: "verdict" }, el("b", {}, page.verdict)) : null,
     page.tiles.length ? el("div", { class: "tiles", style: { "--columns": page.tiles.length % 4 ? "3" : "4" } },
       page.tiles.map((t) => el("div", { class: "tile" }, el("span", {}, t.label), el("b", { class: t.mood }, t.text), t.about ? el("small", {}, t.about) : null))) : null,
     page.summary.length ? el("ul", { class: "summary" }, page.summary.map((line) => el("li", { class: line.startsWith("Reason to reject") ? "bad" : "" }, line))) : null,
-    page.sections.map((s) => section(s, figures)));
-  return { node, draw: () => { for (const [box, figure] of figures) draw(box, figure); } };
+    sections.map((s) => s.node));
+  // all: also what is drawn already, in other colours
+  const draws = (all = false) => {
+    for (const s of sections.filter((one) => one.box && (all || !one.drawn))) { draw(s.box, s.figure); s.drawn = true; }
+  };
+  return { node, sections, draw: draws };
 }
 
-function section(s, figures) {
-  let box = null;
-  if (s.figure) {
-    box = el("div", { class: "figure", style: { height: `${s.figure.layout.height ?? 400}px` } });
-    figures.push([box, s.figure]);
-  }
-  return el("section", { id: s.key }, el("h2", {}, s.title), s.text ? el("p", {}, s.text) : null, box, s.grid?.rows.length ? grid(s.grid) : null);
+function section(s) {
+  const box = s.figure ? el("div", { class: "figure", style: { height: `${s.figure.layout.height ?? 400}px` } }) : null;
+  const node = el("section", { id: s.key }, el("h2", {}, s.title), s.text ? el("p", {}, s.text) : null, box, s.grid?.rows.length ? grid(s.grid) : null);
+  return { node, box };
 }
 
 export function grid(g) {

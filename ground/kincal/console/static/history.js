@@ -12,7 +12,7 @@ export function open(root) {
   update();
 }
 export function close() { parts = page = null; }
-export function recolour() { page?.draw(); }
+export function recolour() { page?.draw(true); }
 
 export function update() {
   const hk = store.values.KC_HK?.data, key = JSON.stringify([hk?.tables, hk?.proposal, hk?.monitor?.limit]);

@@ -29,7 +29,7 @@ export function open(root) {
   poll(true);
 }
 export function close() { clearTimeout(timer); parts = null; }
-export function recolour() { page?.draw(); if (tab === "candidates") picture(); if (tab === "difference") difference(); }
+export function recolour() { page?.draw(true); if (tab === "candidates") picture(); if (tab === "difference") difference(); }
 export function at([what, which]) {
   if (what && TABS.some(([key]) => key === what)) tab = what;
   if (which !== undefined && what === "candidates") chosen = Number(which);
