@@ -37,7 +37,7 @@ $(STAMP)/apt-%: .ci/packages.%
 	@touch $@
 $(STAMP)/apt-test: | $(STAMP)/apt-build # one after the other also with -j: apt locks its database
 
-.venv/.stamp: ground/requirements.lock .ci/venv | $(STAMP)/apt-build
+.venv/.stamp: ground/requirements.lock ground/requirements-install.lock .ci/venv | $(STAMP)/apt-build
 	.ci/venv ground/requirements.lock
 	@touch $@
 
