@@ -7,8 +7,8 @@ import pytest
 
 from kincal_shared import keys
 
-# Off-screen OpenGL: set before anything imports mujoco.
-os.environ.setdefault("MUJOCO_GL", "osmesa")
+# Off-screen OpenGL, which only the simulated camera draws with: set before anything imports mujoco.
+os.environ.setdefault("MUJOCO_GL", "disable")
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 # One thread each: the machine has few cores, and sums keep their order.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

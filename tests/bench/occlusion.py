@@ -32,7 +32,6 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-os.environ.setdefault("MUJOCO_GL", "osmesa")
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
@@ -40,7 +39,10 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import cv2  # noqa: E402
 import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
+from mujoco.osmesa import GLContext  # noqa: E402
+from mujoco.rendering.classic import gl_context  # noqa: E402
 
+gl_context.GLContext = GLContext  # MuJoCo may have been loaded without one (kincal_sim)
 ROOT = Path(__file__).resolve().parents[2]
 
 from kincal import space  # noqa: E402

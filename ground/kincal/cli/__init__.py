@@ -14,6 +14,8 @@ import click
 # other's way (five times slower). Has to be said before numpy is loaded; the user's own setting wins.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+# Nothing here draws with MuJoCo, which looks for a back end to do it when it is loaded.
+os.environ.setdefault("MUJOCO_GL", "disable")
 
 # What a command holds goes with its process: a search for cycles at the end takes as long as many commands
 # run. While packages are loaded, hardly anything becomes garbage.

@@ -12,8 +12,7 @@ import atexit
 import os
 from dataclasses import dataclass
 
-# MuJoCo and PyOpenGL choose their back end at import.
-os.environ.setdefault("MUJOCO_GL", "osmesa")
+# PyOpenGL chooses its back end at import.
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 
 import cv2
