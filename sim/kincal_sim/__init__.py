@@ -2,5 +2,6 @@
 
 import os
 
-# MuJoCo looks for a back end to draw with when it is loaded, which takes a third of that. The camera has its own.
+# MuJoCo looks for a back end to draw with when it is loaded, which takes a third of that time. The camera has
+# its own.
 os.environ.setdefault("MUJOCO_GL", "disable")
