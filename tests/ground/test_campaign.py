@@ -3,7 +3,6 @@ show."""
 
 import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from medium import full_medium
 from scipy import stats
 
 from kincal import campaign
@@ -296,15 +296,9 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(whole, tmp_path):
     plan = campaign.prepare(whole[0])
     with store.Store(tmp_path / "out", plan) as opened:
         opened.write(answers(plan, 1))
-        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
         before = sorted(f.name for f in (tmp_path / "out").iterdir())
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-        try:
-            with pytest.raises(CommandFailed) as said:
-                opened.write(answers(plan, 4)[1:])
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        with full_medium(1000), pytest.raises(CommandFailed) as said:
+            opened.write(answers(plan, 4)[1:])
         assert "make room" in said.value.todo
         assert said.value.where == str(tmp_path / "out")
         assert sorted(f.name for f in (tmp_path / "out").iterdir()) == before

@@ -4,14 +4,13 @@ once, two flights on one network, clocks that jump."""
 import fcntl
 import resource
 import shutil
-import signal
 import threading
-from contextlib import contextmanager
 
 import pytest
 from click.testing import CliRunner
 from direct_flight import DirectFlight
 from fake_flight import FakeFlight
+from medium import full_medium
 from samples import CRC, event, proposal, signed, write_log
 
 import kcm
@@ -32,19 +31,6 @@ NAMES = [f"c{i}" for i in range(54)]
 @pytest.fixture
 def file(tmp_path):
     return tmp_path / "journal.jsonl"
-
-
-@contextmanager
-def full_medium(room_bytes):
-    """No file grows beyond so many bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (room_bytes, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, ignored)
 
 
 class Lander(DirectFlight):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-import resource
 import stat
 import subprocess
 import sys
@@ -16,6 +14,7 @@ import poses
 import pytest
 from click.testing import CliRunner
 from commands import kincal
+from medium import full_medium
 
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
@@ -118,17 +117,6 @@ def test_a_folder_that_is_not_there_is_named_before_the_work(tmp_path, command):
 # --------------------------------------------------------------------------- no room
 
 
-@contextlib.contextmanager
-def no_room(most=100):
-    """No file can become larger, as on a disk that is full."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 def contents(folder):
     return {path.relative_to(folder): path.is_file() and path.read_bytes() for path in folder.rglob("*")}
 
@@ -165,7 +153,7 @@ WRITTEN = {
 def test_without_room_everything_stays_as_it_was(fitted, command):
     args, name = WRITTEN[command]
     before = contents(fitted)
-    with no_room():
+    with full_medium():
         error = refused(*args(fitted))
     assert "cannot be written: File too large" in error
     assert name in error
@@ -217,7 +205,7 @@ def raises(error):
 def test_of_several_files_all_are_written_or_none(tmp_path):
     (tmp_path / "old").write_text("old")
     before = contents(tmp_path)
-    with no_room(), pytest.raises(BadInput, match="File too large"):
+    with full_medium(), pytest.raises(BadInput, match="File too large"):
         write_files({tmp_path / "old": "new", tmp_path / "new" / "small": "", tmp_path / "large": "x" * 101})
     assert contents(tmp_path) == before
 
