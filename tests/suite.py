@@ -3,7 +3,7 @@
     suite.py --junit build/junit --logs build/log --first build lint ...    run steps with make
     suite.py --junit build/junit --sum                                      only the closing line
 
-Two steps more than there are processors run at once, since many wait for messages or a clock; each gets
+One step more than there are processors runs at once, since many wait for messages or a clock; each gets
 PROCESSORS=1. They begin in the order given: the longest come first, so that none is left at the end.
 What several steps need is made before (--first), on all processors. Each step is printed with the seconds
 that it took and those of the processors.
@@ -93,7 +93,7 @@ def outcome(step: str, code: int, seconds: float, busy_s: float, junit: Path, lo
 
 def run_all(first: list[str], steps: list[str], junit: Path, logs: Path, processors: int) -> list[dict]:
     done = [outcome(step, *run(step, logs, processors), junit, logs) for step in first]
-    with ThreadPoolExecutor(processors + 2) as lanes:
+    with ThreadPoolExecutor(processors + 1) as lanes:
         running = {lanes.submit(run, step, logs, 1): step for step in steps}
         done += [outcome(running[f], *f.result(), junit, logs) for f in as_completed(running)]
     return done

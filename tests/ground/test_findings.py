@@ -20,6 +20,7 @@ from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench.diagnosis import competing
 from kincal.workbench.evidence.adequacy import Outliers
+from kincal.workbench.evidence.serial import Serial
 from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.prediction.gain import held_ratio, judged, rms_interval
 from kincal.workbench.prediction.nextposes import NextPose
@@ -168,6 +169,23 @@ def test_verdict_and_star_name_only_what_is_shown_to_help(found):
     assert [("; undecided)" in pages._finding(one, shown)) for one in d.effects] == [False, True, True]
     none = replace(found.d, effects=(open_,), verdict="effect")
     assert "no effect is shown to help: with bias_step[7] (undecided)" in explain.verdict(none)
+
+
+@pytest.mark.parametrize(
+    ("explains", "outliers", "serial", "said"),
+    [(True, 0, None, "Nothing is missing that these data could show."),
+     (True, 3, None, "Nothing is missing that these data could show, but for 3 outliers."),
+     (False, 12, None, "but for 12 outliers, too many for a model that explains the data."),
+     (False, 0, None, "No effect is shown to be missing, and yet the model does not explain these data."),
+     (False, 0, Serial(0.5, 1e-9), "What is left follows time, and no effect is shown to cause it. The")],
+)  # fmt: skip
+def test_nothing_is_missing_only_where_the_model_explains_the_data(found, explains, outliers, serial, said):
+    """ "Nothing is missing" stood above "the model does NOT explain these data"."""
+    left = Outliers(tuple(map(str, range(outliers))), 120)
+    d = replace(
+        found.d, verdict="adequate", effects=(), adequate_after=explains, outliers=left, serial=serial
+    )
+    assert said in explain.verdict(d)
 
 
 def test_verdict_says_of_something_unnamed_whether_its_function_is_decided(found):

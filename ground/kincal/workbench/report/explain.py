@@ -275,8 +275,9 @@ def adequacy(c: Comparison) -> str:
 
 
 def but_for(o: Outliers) -> str:
-    """The outliers as an exception; empty if there are none."""
-    return f", but for {_counted(len(o.ids), 'outlier')}" if o.ids else ""
+    """The outliers as an exception, which many are not; empty if there are none."""
+    many = "" if o.few else ", too many for a model that explains the data"
+    return f", but for {_counted(len(o.ids), 'outlier')}{many}" if o.ids else ""
 
 
 def notes(c: Comparison) -> list[str]:
@@ -325,10 +326,12 @@ def _verdict(d: Diagnosis) -> str:
     shown = [e.name for e in taken if is_shown(e)]
     open_ = [e.name for e in taken if not is_shown(e)]
     with_them = _with(listed(shown) if shown else "", open_, d)
-    if d.verdict == "adequate":
+    if d.verdict == "adequate" and (d.adequate_after or not d.outliers.may_be_chance):
         return f"Nothing is missing that these data could show{but_for(d.outliers)}."
     if d.serial is not None and not taken and d.novel is None:
         return "What is left follows time, and no effect is shown to cause it."
+    if d.verdict == "adequate":
+        return "No effect is shown to be missing, and yet the model does not explain these data."
     if d.verdict == "undecidable":
         return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
     if d.verdict == "novel" and d.novel is not None:
