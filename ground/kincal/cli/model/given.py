@@ -20,7 +20,7 @@ ARM = click.option(
     "arm_path",
     required=True,
     type=click.Path(path_type=Path),
-    help="Arm table (TOML), or the name of one that is shipped (`kincal arm list`): wam.",
+    help="Arm table (TOML), or the name of one that is shipped, as wam or ur5e: `kincal arm list`.",
 )
 DATA = data_options()
 MODEL = click.option("--model", "model_path", type=click.Path(path_type=Path), default=None,
