@@ -140,7 +140,7 @@ def serious(page):
     """What axe-core calls serious or critical; ABORT has to be inside the window."""
     box = page.locator("#abort").bounding_box()
     assert box["x"] + box["width"] <= page.viewport_size["width"]
-    found = Axe().run(page).response["violations"]
+    found = Axe().run(page, options={"resultTypes": ["violations"]}).response["violations"]
     return [(v["id"], v["nodes"][0]["html"]) for v in found if v["impact"] in ("serious", "critical")]
 
 
