@@ -202,6 +202,24 @@ def test_verdict_says_of_something_unnamed_whether_its_function_is_decided(found
     assert f"{follows}; with backlash[4] " in said(undecided, curves=())
 
 
+@pytest.mark.parametrize(
+    ("driver", "interval", "names"),
+    [("q3", (0.3, 0.5), ["unnamed"]),
+     ("t", (0.3, 0.5), ["'unnamed[joint 2: t]'", "unnamed"]),
+     ("t", (0.9, 1.1), ["unnamed"])],
+)  # fmt: skip
+def test_what_follows_time_is_added_by_its_name(found, driver, interval, names):
+    """`add unnamed` was advised alone, which adds no function of time: "nothing to add"."""
+    [e] = [e for e in found.d.effects if e.accepted]
+    novel = SimpleNamespace(name=f"unnamed[joint 2: {driver}]", depends_on=(driver,), curves=(None,),
+                            held=replace(e.held, interval=interval))  # fmt: skip
+    inputs = advice.Inputs("a.toml", ("--data", "d.csv"))
+    steps = [*advice._adding(replace(found.d, verdict="novel", novel=novel), inputs)]
+    added = [s.command for s in steps if "unnamed" in s.command]
+    assert added == [f"kincal model add --model M.toml --arm a.toml --data d.csv {name}" for name in names]
+    assert any("predicts none that are measured later" in s.why for s in steps) is (len(names) > 1)
+
+
 def test_poses_that_would_not_decide_are_not_advised(found):
     weak = NextPose((0.1,) * 7, None, (0.0,) * 3, None, ("flex", "slip"), 0.4, 0.04, 0.57)
     strong = replace(weak, d2=60.0, power=0.99)

@@ -31,7 +31,7 @@ _ODDS = 9.0
 _ROWS_EACH = (
     2  # that the poses have for each coefficient of the whole model; with fewer, functions only fit noise
 )
-_NOT_PREDICTABLE = ("order", "t")  # of poses that are yet to come
+NOT_PREDICTABLE = ("order", "t")  # of poses that are yet to come
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int]:
     names = [
         UnnamedName(place, drivers)
         for place, drivers in ranked
-        if place in possible and not set(drivers) & set(_NOT_PREDICTABLE)
+        if place in possible and not set(drivers) & set(NOT_PREDICTABLE)
     ]
     new = [name for name in names if str(name) not in taken]
     # the map is too smooth to point at ripples of a joint's own angle

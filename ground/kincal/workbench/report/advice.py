@@ -10,6 +10,8 @@ from itertools import count
 from kincal_shared.schema.names import UNNAMED, split_constants
 
 from ..diagnosis import Diagnosis
+from ..diagnosis.additions import NOT_PREDICTABLE
+from ..diagnosis.findings import UnnamedFinding
 from ..prediction.nested import DH, HELD_OUT, NOMINAL, NestedModel
 from ..prediction.nextposes import NextPose, would_decide
 from . import explain
@@ -117,7 +119,7 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     change = d.advised
-    smooth = d.novel is not None and not d.exhausted
+    smooth = [] if d.novel is None or d.exhausted else [*_smooth(d.novel, inputs)]
     if change.removed:
         yield Step(
             "take out what is found at more joints",
@@ -130,18 +132,29 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
             f"add what was found{gain}{_only_predicting(d)}",
             _kincal("add", *inputs.written, *inputs.library, *change.added),
         )
-    if smooth:
-        yield Step(
-            "add smooth functions for what has no name, as many as cross-validation of the fitted poses asks "
-            "for and held-out poses do not refute",
-            _kincal("add", *inputs.written, *inputs.library, *inputs.sources, UNNAMED),
-        )
+    yield from smooth
     if change.added or smooth or inputs.model:
         yield Step(
             "fit it and see what each effect brings",
             _kincal("fit", *inputs.sources, *inputs.written, *inputs.library),
         )
         yield _export(inputs, "take the arm with all effects away as source code (also c)", "python")
+
+
+def _smooth(u: UnnamedFinding, inputs: Inputs) -> Iterator[Step]:
+    """What follows time is added by its name: `unnamed` alone adds what predicts poses to come."""
+    words = (*inputs.written, *inputs.library, *inputs.sources)
+    if set(u.depends_on) & set(NOT_PREDICTABLE) and u.curves and u.held.gains:
+        yield Step(
+            "add a smooth function of time to describe these poses; it predicts none that are measured "
+            "later: look for what moves or warms up",
+            _kincal("add", *words, u.name),
+        )
+    yield Step(
+        "add smooth functions for what has no name, as many as cross-validation of the fitted poses asks for "
+        "and held-out poses do not refute",
+        _kincal("add", *words, UNNAMED),
+    )
 
 
 def _only_predicting(d: Diagnosis) -> str:
