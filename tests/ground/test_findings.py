@@ -188,6 +188,14 @@ def test_nothing_is_missing_only_where_the_model_explains_the_data(found, explai
     assert said in explain.verdict(d)
 
 
+def test_noise_that_is_stated_far_above_what_is_left_may_be_in_another_unit(found):
+    c = found.d.comparison
+    left_m = c.rms["fit"][0]
+    for times, asked in ((0.5, False), (10.0, False), (1000.0, True)):
+        floor = replace(c.noise_floor, pos_m=times * left_m)
+        assert ("stated in another unit?" in explain.left_over(replace(c, noise_floor=floor))) is asked
+
+
 def test_verdict_says_of_something_unnamed_whether_its_function_is_decided(found):
     [e] = [e for e in found.d.effects if e.accepted]
     undecided, helps = (replace(e.held, interval=x) for x in ((0.937, 1.101), (0.7, 0.9)))

@@ -14,6 +14,7 @@ from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.prediction.crossval import stretches
 from kincal.workbench.report import explain
 from kincal.workbench.report.answers import diagnosis_json
+from kincal.workbench.report.diagnosis_text import diagnosis_text
 
 SIGMA_M = 3e-4
 LOW, HIGH = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
@@ -75,8 +76,10 @@ def test_noise_that_is_correlated_in_time_is_no_effect(arm, library, noise, seed
     assert in_model(d) == []
     assert d.serial is not None
     assert d.serial.share > 0.4
+    assert not d.adequate_after
     said = explain.verdict(d)
-    assert "The noise is correlated in time" in said
+    assert "The noise is correlated in time" in said and "Nothing is missing" not in said
+    assert "the model does NOT explain these data" in diagnosis_text(d)
     assert "measure again at rest and in random order" in said
     assert diagnosis_json(d)["correlated_in_time"] == {"share": d.serial.share, "p_value": d.serial.p_value}
 

@@ -11,6 +11,7 @@ from ..comparison.fitting import FitResult
 from ..diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
 from ..evidence.adequacy import REPLICATES, NoiseFloor, Where
 from ..evidence.curves import Curve
+from ..evidence.serial import Serial
 from ..prediction.nested import HELD_OUT, NestedModel, NestedModels
 from ..prediction.nextposes import NextPose, would_decide
 from . import explain
@@ -241,8 +242,9 @@ def _text(position_m: float | None, rotation_rad: float | None) -> str:
     return f"{position_m * 1e3:.3f} mm{tail}"
 
 
-def comparison_text(c: Comparison) -> str:
-    """Numbers, what is left and where, and the worst poses."""
+def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
+    """Numbers, what is left and where, and the worst poses. serial: noise that a diagnosis found to be
+    correlated in time."""
     untested = "cannot be tested: nothing says how large the noise is"
     against = REPLICATES if c.noise_floor.source == REPLICATES else "the stated noise"
     p_text = untested if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}, against {against}"
@@ -258,7 +260,7 @@ def comparison_text(c: Comparison) -> str:
         f"lack of fit        {p_text}",
         f"left over          {explain.left_over(c)}",
         *([f"unseen poses       {explain.unseen(c)}"] if c.p_unseen is not None else []),
-        f"verdict            {explain.adequacy(c)}",
+        f"verdict            {explain.adequacy(c, serial)}",
         "",
         *_rest_lines(c),
     ]

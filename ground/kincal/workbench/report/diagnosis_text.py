@@ -79,7 +79,7 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
 
 
 def _details(d: Diagnosis) -> Iterator[str]:
-    yield from ("", comparison_text(d.comparison))
+    yield from ("", comparison_text(d.comparison, d.serial))
     if d.effects or d.novel:
         yield from _remainder_lines(d)
     if d.not_testable:

@@ -181,6 +181,7 @@ def of_session(fit: Fit) -> list[str]:
 
 
 _MOST_POSES = 1000  # more is no advice
+_FAR_BELOW = 0.05  # of the known noise: no fit leaves so little
 
 
 def would_not_decide(poses: Sequence[NextPose]) -> str:
@@ -242,6 +243,8 @@ def left_over(c: Comparison) -> str:
     else:
         kind = "noise estimated from replicates" if c.noise_floor.source == REPLICATES else "stated noise"
         text = f"{left}, {position / known:.2f} times the {kind}"
+        if position < _FAR_BELOW * known:
+            text += ": is it stated in another unit?"
     if c.p_structure > STRUCTURE_P or not c.where:
         return f"{text}; it follows no recorded variable"
     first = c.where[0]
@@ -258,9 +261,10 @@ def unseen(c: Comparison) -> str:
     return f"predicted {worse} the noise of the fitted ones allows (p = {c.p_unseen:.3g})"
 
 
-def adequacy(c: Comparison) -> str:
-    """Whether the model explains the data; a fit that makes held-out poses worse explains nothing."""
-    if not c.adequate:
+def adequacy(c: Comparison, serial: Serial | None = None) -> str:
+    """Whether the model explains the data; a fit that makes held-out poses worse explains nothing, nor
+    does one that leaves what follows time (serial)."""
+    if not c.adequate or serial is not None:
         return "the model does NOT explain these data"
     but = but_for(c.outliers)
     (before, _), *_, (after, _) = c.errors_without(c.outliers.ids).values()
