@@ -6,7 +6,7 @@ import contextlib
 import errno
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from kincal_shared.errors import BadInput
@@ -19,6 +19,14 @@ WHAT_TO_DO = {
     errno.EFBIG: "raise the limit of the size of files (`ulimit -f`), or name a place on another disk",
 }
 """What to do about the errors that say there is no room."""
+
+
+def keep_inputs(files: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """BadInput if a file that is to be written is an input, by whatever path."""
+    kept = {os.path.realpath(path) for path in inputs}  # resolve() fails at a link that leads to itself
+    for file in files:
+        if os.path.realpath(file) in kept:
+            raise BadInput("is an input, and would be overwritten", str(file), "choose another name")
 
 
 def write_file(path: Path, content: str | bytes) -> Path:

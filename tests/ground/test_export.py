@@ -828,7 +828,7 @@ def test_json_holds_every_number_with_its_unit(folder):
 
 @pytest.mark.parametrize("form, name, says", [
     ("urdf", "o.pdf", "writes .urdf or .xml"), ("c", "o.h", "writes .c"), ("python", "o", "writes .py"),
-    ("dh", "arm.toml", "input of the export"), ("dh", "M.toml", "input of the export"),
+    ("dh", "arm.toml", "is an input"), ("dh", "M.toml", "is an input"),
 ])  # fmt: skip
 def test_wrong_path_is_refused(folder, form, name, says):
     done = kincal(

@@ -114,6 +114,23 @@ def test_a_folder_that_is_not_there_is_named_before_the_work(tmp_path, command):
     assert not (tmp_path / "mistyped").exists()
 
 
+@pytest.mark.parametrize(
+    ("command", "out"),
+    [("export --model M.toml --format dh", "run1.toml"), ("export --model M.toml --format dh", "link.toml"),
+     ("next --arm arm.toml --data run1.csv backlash[1] backlash[2]", "run1.csv")],
+)  # fmt: skip
+def test_measurements_are_never_written_over(tmp_path, monkeypatch, command, out):
+    """The table run1.csv beside run1.toml took the place of the poses that the model was fitted to."""
+    monkeypatch.chdir(tmp_path)
+    poses.arm_toml(tmp_path / "arm.toml")
+    before = poses.poses_csv(tmp_path / "run1.csv", 40, 1).read_bytes()
+    (tmp_path / "link.csv").symlink_to("run1.csv")
+    assert kincal("fit", "--arm", "arm.toml", "--data", "run1.csv", "--model", "M.toml").exit_code == 0
+    done = kincal(*command.split(), "-o", out)
+    assert done.exit_code == EXIT_INPUT and "is an input, and would be overwritten" in done.output
+    assert (tmp_path / "run1.csv").read_bytes() == before
+
+
 # --------------------------------------------------------------------------- no room
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
 from kincal_shared.errors import BadInput
-from kincal_shared.writing import write_files
+from kincal_shared.writing import keep_inputs, write_files
 
 from .calibrated import CalibratedArm
 from .dh import dh_table, four_parameter_table
@@ -66,10 +65,8 @@ def targets(form: Format, path: Path) -> tuple[Path, ...]:
 
 
 def _check(files: tuple[Path, ...], keep: tuple[Path, ...]) -> None:
-    inputs = {os.path.realpath(path) for path in keep}
+    keep_inputs(files, keep)
     for file in files:
-        if os.path.realpath(file) in inputs:  # resolve() fails at a link that leads to itself
-            raise BadInput("is an input of the export", str(file), "choose another name")
         if file.is_dir():
             raise BadInput("this is a directory, a file is to be written", str(file), "add a file name")
 

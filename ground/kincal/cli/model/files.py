@@ -309,7 +309,9 @@ def export_command(
     chosen, library = load_model(model_path, effect_files)
     arm = read_arm(arm_of(chosen, model_path, arm_path))
     calibrated = calibrated_arm(arm, chosen, library, name=str(model_path))
-    made = export(calibrated, form, out_path, keep=(model_path, Path(arm.source)))
+    measured = [Path(data.path) for data in chosen.fit.data] if chosen.fit else []  # as fit was given them
+    beside = [model_path.parent / path for path in measured]
+    made = export(calibrated, form, out_path, keep=(model_path, Path(arm.source), *measured, *beside))
     click.echo(text.exported(made))
     if form != "dh" and calibrated.of_session:
         names = ", ".join(calibrated.of_session)

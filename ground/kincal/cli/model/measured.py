@@ -254,10 +254,12 @@ def next_command(
     from kincal.workbench.prediction.measurable import Limits
     from kincal.workbench.prediction.nextposes import poses_csv
     from kincal.workbench.report.answers import poses_json, poses_text
-    from kincal_shared.writing import write_file
+    from kincal_shared.writing import keep_inputs, write_file
 
     boxes = _boxes("--inside", inside), _boxes("--outside", outside)
     check_alternatives(names)
+    if out_path is not None:
+        keep_inputs([out_path], [*given.paths, arm_path, *([model_path] if model_path else [])])
     case = case_of(arm_path, given, model_path, effect_files)
     clear = None
     if space_path:
