@@ -63,17 +63,15 @@ class Given:
             self.mapping(),
             skip_bad=self.skip_bad,
             infer_direction=self.infer_direction,
+            excluded=self.excluded,
         )
         for note in data.notes:
             click.echo(f"note: {note}", err=True)
         if data.unknown_columns:
             click.echo(f"note: columns not used: {', '.join(data.unknown_columns)}", err=True)
-        if not self.excluded:
-            return data
-        kept = data.without(self.excluded)
-        count = data.n - kept.n
-        click.echo(f"note: {count} {'pose' if count == 1 else 'poses'} excluded", err=True)
-        return kept
+        if count := len(set(self.excluded)):
+            click.echo(f"note: {count} {'row' if count == 1 else 'rows'} excluded", err=True)
+        return data
 
     def options(self) -> tuple[str, ...]:
         """The same options as words of a command line."""

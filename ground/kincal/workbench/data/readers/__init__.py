@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from kincal_shared.errors import BadInput
@@ -15,6 +15,7 @@ from kincal_shared.schema.datamap import DataMap
 
 from ..direction import with_direction
 from ..measurements import Measurements
+from ..readings import one_measurement_a_pose
 from .arrays import read_npz, read_parquet
 from .assembly import measurements
 from .joining import joined, once
@@ -37,18 +38,24 @@ def read_measurements(
     skip_bad: bool = False,
     session: int | None = None,
     infer_direction: bool = True,
+    excluded: Collection[str] = (),
 ) -> Measurements:
     """Measurements of one or several files: text (CSV), npz, Parquet, ROS bag, LCM log of the flight process.
 
     arm: its table, or the number of its joints (then all are revolute and have no names); mapping: names and
     units of the columns; skip_bad: leave malformed rows out and count them; session: of an LCM log, the last
     one with measurements if not named; infer_direction: where a file has no approach directions, take them
-    from the order of its measurements. BadInput names file, row, column and what to do.
+    from the order of its measurements; excluded: ids of rows to leave out. Several readings of a pose at rest
+    become one, but those of a log, whose process approaches replicates anew. BadInput names file, row, column
+    and what to do.
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     joints, chosen = Joints.of(arm), mapping or DataMap()
     sets = [once(_read(Path(path), joints, chosen, skip_bad, session)) for path in given]
-    return joined([with_direction(data) for data in sets] if infer_direction else sets)
+    data = joined([with_direction(data) for data in sets] if infer_direction else sets)
+    if excluded:
+        data = data.without(excluded)
+    return data if any(is_log(Path(path)) for path in given) else one_measurement_a_pose(data)
 
 
 def read_csv(

@@ -1,0 +1,142 @@
+"""Several readings of one pose as one measurement.
+
+An arm that stands still repeats its own error in every reading: only the noise of the sensor differs.
+Readings that count as poses of their own let any smooth function of the pose look certain, and a fit look
+better known than it is (Kish, Survey Sampling, 1965, section 5.4: the design effect of clusters).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..numerics.types import Array, Groups, Indices, Mask
+from .direction import order_of_measurement
+from .measurements import SAME_PAYLOAD_KG, Measurements, replicate_groups
+
+_LEAST_SHARE = 0.1  # of the rows; fewer change nothing, and stay as they are
+_LEAST_STATED = 1.0 / 3.0  # where the file calls them replicates: a campaign repeats a part of its poses
+_LEAVES = 1.25  # times the usual interval between poses: to leave a pose and come back takes two moves
+_SAME_TEMP_C = 0.5
+_FAR = 10.0  # median distances from the middle of a pose: a mistake of the sensor
+_FEWEST_TO_REFUSE = 3  # readings; of two, none is known to be the wrong one
+
+
+def one_measurement_a_pose(data: Measurements) -> Measurements:
+    """The data with the mean of each run of readings at rest in its place, under the id of the first one.
+
+    Readings follow one another, agree in joints, approach, payload, temperature, tag and split, and no time
+    between them was long enough to leave the pose and come back. Stated noise is taken for that of a reading,
+    of which the mean loses what differs between readings. A note says how many rows became how many poses.
+    """
+    order = order_of_measurement(data)
+    if order is None or data.n < 2:
+        return data
+    number = _runs(data, order)
+    poses = int(number.max()) + 1
+    least = _LEAST_STATED if data.replicate_stated else _LEAST_SHARE
+    if data.n - poses < max(least * data.n, 1.0):
+        return data
+    runs = [np.flatnonzero(number == k) for k in range(poses)]
+    runs.sort(key=lambda rows: int(rows[0]))
+    return _together(data, list(_without_mistakes(data, runs)), runs)
+
+
+def _runs(data: Measurements, order: Indices) -> Groups:
+    """(N,) number of the run of readings at rest that each row belongs to, in order of measurement."""
+    alike = _alike(data, order)
+    times = None if data.order_is_time or data.t_s is None else data.t_s[order]
+    if times is not None and not alike.all():
+        gap = np.diff(times)
+        alike &= gap <= _LEAVES * np.median(gap[~alike])
+    number = np.empty(data.n, dtype=int)
+    number[order] = np.concatenate([[0], np.cumsum(~alike)])
+    return number
+
+
+def _alike(data: Measurements, order: Indices) -> Mask:
+    """(N - 1,) pairs of one row and the next that may be readings of one pose."""
+    same = np.diff(replicate_groups(data.q, data.payload_kg)[order]) == 0
+    if data.replicate_stated and data.replicate is not None:
+        same &= np.diff(data.replicate[order]) == 0
+    for values, most in (
+        (data.direction, 0.0), (data.tag, 0.0), (data.payload_kg, SAME_PAYLOAD_KG),
+        (data.temp_c, _SAME_TEMP_C),
+    ):  # fmt: skip
+        if values is not None:
+            changes = np.abs(np.diff(values[order].reshape(data.n, -1), axis=0))
+            same &= ~(changes > most).any(axis=1)
+    if data.split is not None:
+        same &= data.split[order][1:] == data.split[order][:-1]
+    return np.asarray(same, dtype=bool)
+
+
+def _without_mistakes(data: Measurements, runs: list[Indices]) -> Iterator[Indices]:
+    """The readings of each run whose positions are not far from the others."""
+    away = [
+        np.linalg.norm(data.p_m[rows] - np.median(data.p_m[rows], axis=0), axis=1)
+        for rows in runs
+    ]  # fmt: skip
+    several = [x for x in away if len(x) >= _FEWEST_TO_REFUSE]
+    most = _FAR * float(np.median(np.concatenate(several))) if several else np.inf
+    for rows, distance in zip(runs, away, strict=True):
+        usual = distance <= most if len(rows) >= _FEWEST_TO_REFUSE else np.ones(len(rows), dtype=bool)
+        yield rows[usual] if usual.any() else rows
+
+
+def _together(data: Measurements, used: list[Indices], runs: list[Indices]) -> Measurements:
+    """The means of the rows used of each run."""
+    first = np.array([rows[0] for rows in runs])
+    poses = replace(data.take(first), whole=data.whole)
+    means: dict[str, Any] = {}
+    for name in ("q", "p_m", "t_s", "qdot", "temp_c", "payload_kg", "g_m_s2", "range_m", "incid_rad", "u_px",
+                 "v_px", "cam_p_m", "pan_rad", "tilt_rad"):  # fmt: skip
+        if (values := getattr(data, name)) is not None:
+            means[name] = np.stack([values[rows].mean(axis=0) for rows in used])
+    for name in ("quat_wxyz", "cam_quat_wxyz"):
+        if (values := getattr(data, name)) is not None:
+            means[name] = np.stack([_mean_rotation(values[rows]) for rows in used])
+    if data.cov is not None:
+        means["cov"] = _of_means(data, means, used)
+    return replace(
+        poses,
+        **means,
+        replicate=poses.replicate
+        if data.replicate_stated
+        else replicate_groups(means["q"], means.get("payload_kg")),
+        notes=(*data.notes, _note(data, used, len(runs))),
+    )
+
+
+def _mean_rotation(quat_wxyz: Array) -> Array:
+    """(4,) mean of rotations (m, 4): Markley, Cheng, Crassidis, Oshman, J. Guidance 30, 2007."""
+    vector: Array = np.linalg.eigh(quat_wxyz.T @ quat_wxyz)[1][:, -1]
+    return vector * (1.0 if vector @ quat_wxyz[0] >= 0.0 else -1.0)
+
+
+def _of_means(data: Measurements, means: dict[str, Any], used: list[Indices]) -> Array:
+    """(M, 6, 6) covariance of the means: of the stated variance, the share that differs between readings of a
+    pose is divided by their number, the rest belongs to the pose."""
+    assert data.cov is not None
+    square, dof = 0.0, 0
+    for rows, mean in zip(used, means["p_m"], strict=True):
+        off = data.p_m[rows] - mean
+        square += float(
+            np.einsum("ni,ni->", off, np.linalg.solve(data.cov[rows, :3, :3], off[:, :, None])[:, :, 0])
+        )
+        dof += 3 * (len(rows) - 1)
+    share = min(square / dof, 1.0) if dof else 0.0
+    return np.stack([(1.0 - share * (1.0 - 1.0 / len(rows))) * data.cov[rows].mean(axis=0) for rows in used])
+
+
+def _note(data: Measurements, used: list[Indices], poses: int) -> str:
+    left = data.n - sum(len(rows) for rows in used)
+    mistakes = (
+        f", without {left} far from the others of {'its' if left == 1 else 'their'} pose" if left else ""
+    )
+    anew = " (if each was approached anew, times in t_s would show it)" if data.order_is_time else ""
+    found = f"{data.n} rows are readings of {poses} poses at rest"
+    return f"{found}: each pose counts once, with their mean{mistakes}{anew}"
