@@ -23,7 +23,7 @@ from kincal.workbench.data.split import choose_split
 from kincal.workbench.evidence.adequacy import noise_floor
 from kincal.workbench.fit.frames import solve_frames
 from kincal.workbench.model.flight_model import nominal_chain
-from kincal.workbench.model.grids import grid_values
+from kincal.workbench.model.grids import grid_values, grid_weight
 from kincal.workbench.model.modelfile import change_model, held, replace_model
 
 HEADER = "q1,q2,px,py,pz"
@@ -485,6 +485,21 @@ def test_one_time_for_all_poses_is_no_time():
     together = joined([a, b])  # the times tell the sessions apart
     assert not together.order_is_time and set(together.t_s) == {7.0, 8.0}
     assert grid_values("times", together) == [7.5] and grid_values("times", a) == [7.0]
+
+
+def test_a_step_is_looked_for_in_the_breaks_of_a_session_too():
+    x = np.random.default_rng(3).uniform(-1.0, 1.0, (60, 5))
+    t_s = 6.0 * np.arange(60) + 7200.0 * (np.arange(60) >= 31) + 90.0 * (np.arange(60) >= 44)
+    data = Measurements("a", tuple(map(str, range(60))), x[:, :2], x[:, 2:], t_s=t_s)
+    tried = grid_values("times", data)
+    breaks = [0.5 * (t_s[k - 1] + t_s[k]) for k in (31, 44)]
+    assert set(breaks) <= set(tried) and len(tried) == len(set(tried)) <= 18
+    weight = {t: grid_weight("times", t, data) for t in tried}
+    assert weight[breaks[0]] == weight[breaks[1]] == 8.0
+    assert {weight[t] for t in tried if t not in breaks} == {1.0}
+    steady = replace(data, t_s=6.0 * np.arange(60))
+    assert {grid_weight("times", t, steady) for t in grid_values("times", steady)} == {1.0}
+    assert grid_weight("durations", 1.0, data) == 1.0
 
 
 def test_poses_with_another_payload_are_no_replicates():

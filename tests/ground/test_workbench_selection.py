@@ -13,7 +13,7 @@ from kincal.workbench.diagnosis.study import Study
 from kincal.workbench.evidence.bayes_factors import Score
 from kincal.workbench.evidence.scoring import Scored
 from kincal.workbench.model.effects import Hypothesis, Parameter
-from kincal.workbench.model.hypotheses import Competition
+from kincal.workbench.model.hypotheses import Candidate, Competition
 
 BARE = Score(np.zeros(1), np.ones(1), 0.0)
 
@@ -53,6 +53,25 @@ def test_an_effect_that_needs_more_coefficients_than_there_are_is_passed_over():
     p = posterior({NONE: 0.0, "gain": 0.9, "flex": 0.1}, parameters={"gain": 7})
     assert p.best(room=6).name == "flex"
     assert p.best(room=0) is None
+
+
+def test_a_closer_search_keeps_the_weights_of_the_grid():
+    def at(*values):
+        return tuple(replace(effect("step"), constants=(("t0", v),)) for v in values)
+
+    def shares(candidate):
+        return {h.constants[0][1]: w for h, w in zip(candidate.variants, candidate._shares, strict=True)}
+
+    equal = Candidate("step", None, at(1.0, 2.0, 3.0, 4.0), 0.1).refined(at(1.5, 2.0, 2.5))
+    assert shares(equal) == pytest.approx(
+        {1.0: 1 / 4, 3.0: 1 / 4, 4.0: 1 / 4, 1.5: 1 / 12, 2.0: 1 / 12, 2.5: 1 / 12}
+    )
+    half = Candidate("step", None, at(1.0, 2.0, 3.0, 4.0), 0.1, (1.0, 3.0, 1.0, 1.0)).refined(
+        at(1.5, 2.0, 2.5, 3.0)
+    )
+    assert shares(half) == pytest.approx(
+        {1.0: 1 / 6, 4.0: 1 / 6, 2.0: 1 / 2, 1.5: 1 / 18, 2.5: 1 / 18, 3.0: 1 / 18}
+    )
 
 
 def test_the_unnamed_wins_only_over_nothing_and_every_name():

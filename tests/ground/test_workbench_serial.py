@@ -64,6 +64,24 @@ def eccentric(q):
     return out
 
 
+def test_a_step_at_a_break_and_a_drift_across_it_are_not_told_apart(arm, library):
+    """A creep that goes on over the hours of a break looks like a jump there."""
+    late = np.arange(90) >= 50
+
+    def jumped(q):
+        out = q.copy()
+        out[late, 2] += 0.004
+        return out
+
+    data = measured(at_random(90, 4), 4, white, moved=jumped)
+    d = wb.diagnose(arm, replace(data, t_s=data.t_s + 14400.0 * late), library)
+    first = d.effects[0]
+    assert first.name in ("bias_step[3]", "time_drift[3]")
+    both = {first.name, *first.confounded_with}
+    assert {"bias_step[3]", "time_drift[3]"} <= both
+    assert d.verdict == "undecidable" or first.name == "bias_step[3]"
+
+
 def in_model(d):
     return [e.name for e in d.effects if e.in_model]
 

@@ -16,6 +16,8 @@ Grid = Sequence[float] | Literal["times", "durations", "periods"]
 # Joints turn by 3 to 6 rad, so that half a period per turn more or less still looks alike.
 _PERIODS = array(np.arange(3.0, 30.25, 0.5))
 _STEPS = 16  # times of a step that are tried first
+_BREAK = 5.0  # usual intervals between poses: a longer one is a break of the session
+_MOST_BREAKS = 6
 _FINER = 9  # values of a closer search
 _REFERENCE_C = 20.0
 
@@ -46,11 +48,36 @@ def _durations(t_s: Array) -> list[float]:
     return [span / 30.0, span / 8.0, span / 2.0]
 
 
+def grid_weight(grid: Grid, value: float, data: Measurements | None) -> float:
+    """Prior weight of a value that is tried, to be scaled: of the times of a step, the breaks of the session
+    have one half together."""
+    if grid != "times" or data is None or data.t_s is None:
+        return 1.0
+    breaks = _breaks(data.t_s)
+    return _STEPS / len(breaks) if value in breaks else 1.0
+
+
 def _times(t_s: Array) -> list[float]:
-    """A step is placed midway between two measurements, a few poses away from either end."""
+    """A step is placed midway between two measurements, a few poses away from either end; in each of the
+    longest breaks too: there arms are switched off and things are moved."""
+    inner = _inner(t_s)
+    tried = inner[np.unique(np.linspace(0, len(inner) - 1, _STEPS).round().astype(int))]
+    return _floats(np.union1d(tried, _breaks(t_s)))
+
+
+def _inner(t_s: Array) -> Array:
     middles = _between(t_s)
-    inner = middles[2:-2] if len(middles) > 8 else middles
-    return _floats(inner[np.unique(np.linspace(0, len(inner) - 1, _STEPS).round().astype(int))])
+    return array(middles[2:-2]) if len(middles) > 8 else middles
+
+
+def _breaks(t_s: Array) -> Array:
+    """Middles of the longest breaks that are a few poses away from either end."""
+    gaps = np.diff(np.unique(t_s))
+    if not len(gaps):
+        return gaps
+    longest = np.argsort(-gaps, kind="stable")[:_MOST_BREAKS]
+    middles = _between(t_s)[longest[gaps[longest] > _BREAK * np.median(gaps)]]
+    return array(np.intersect1d(middles, _inner(t_s)))
 
 
 def _between(t_s: Array) -> Array:

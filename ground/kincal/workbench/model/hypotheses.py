@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -12,6 +13,7 @@ from kincal_shared.schema.names import place_of as place_of
 
 from ..data.measurements import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter
+from .grids import grid_weight
 from .sight import Constants, sight_constants
 
 # Prior probabilities of "nothing is missing" and "what is missing has no name in the library"; the
@@ -41,13 +43,23 @@ class Candidate:
         return replace(self, variants=same or self.variants, weights=())
 
     def refined(self, finer: Sequence[Hypothesis]) -> Candidate:
-        """The same with the part of its grid that `finer` spans replaced by these variants."""
+        """The same with the part of its grid that `finer` spans replaced by these variants: they share its
+        weight, but those that had more than an equal one keep it."""
         low, high = min(h.constants for h in finer), max(h.constants for h in finer)
+        equal = 1.0 / len(self.variants)
+        weight = dict(zip((h.constants for h in self.variants), self._shares, strict=True))
         rest = [h for h in self.variants if not low <= h.constants <= high]
-        share = 1.0 / len(self.variants)
-        inside = (1.0 - share * len(rest)) or share
-        weights = [share] * len(rest) + [inside / len(finer)] * len(finer)
+        kept = [w if (w := weight.get(h.constants, 0.0)) > equal else 0.0 for h in finer]
+        others = (1.0 - sum(weight[h.constants] for h in rest) - sum(kept)) or equal
+        each = others / max(kept.count(0.0), 1)
+        weights = [*(weight[h.constants] for h in rest), *(w or each for w in kept)]
         return replace(self, variants=(*rest, *finer), weights=tuple(weights))
+
+    @property
+    def _shares(self) -> list[float]:
+        """Weights of the variants, of sum 1."""
+        weights = self.weights or (1.0,) * len(self.variants)
+        return [w / sum(weights) for w in weights]
 
 
 @dataclass(frozen=True)
@@ -147,11 +159,25 @@ def _candidates(
     by_name = grouped_by_name(instances)
     several = effect.per == "joint" and len(by_name) > 1
     alone = share / max(len(by_name), 1) * (0.5 if several else 1.0)
-    out = [Candidate(name, effect, tuple(hs), alone) for name, hs in by_name.items() if name not in used]
+    weights = _weights(effect, next(iter(by_name.values()), []), data)
+    out = [
+        Candidate(name, effect, tuple(hs), alone, weights) for name, hs in by_name.items() if name not in used
+    ]
     if several:
         variants = tuple(merged(effect, group) for group in by_constants(instances))
-        out.append(Candidate(effect.name, effect, variants, 0.5 * share))
+        out.append(Candidate(effect.name, effect, variants, 0.5 * share, weights))
     return out
+
+
+def _weights(effect: Effect, variants: Sequence[Hypothesis], data: Measurements) -> tuple[float, ...]:
+    """Prior weights of the constants of an effect; none where all are equal."""
+    weights = tuple(
+        math.prod(
+            grid_weight(effect.grid[name], value, data) for name, value in h.constants if name in effect.grid
+        )
+        for h in variants
+    )
+    return weights if len(set(weights)) > 1 else ()
 
 
 def merged(effect: Effect, hypotheses: Sequence[Hypothesis], name: str = "") -> Hypothesis:

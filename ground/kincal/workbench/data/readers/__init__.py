@@ -13,6 +13,7 @@ from kincal_shared.reading import refuse_stream
 from kincal_shared.schema.arm import ArmTable
 from kincal_shared.schema.datamap import DataMap
 
+from ..clock import one_clock
 from ..direction import with_direction
 from ..measurements import Measurements
 from ..readings import one_measurement_a_pose
@@ -51,7 +52,7 @@ def read_measurements(
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     joints, chosen = Joints.of(arm), mapping or DataMap()
-    sets = [once(_read(Path(path), joints, chosen, skip_bad, session)) for path in given]
+    sets = [one_clock(once(_read(Path(path), joints, chosen, skip_bad, session))) for path in given]
     data = joined([with_direction(data) for data in sets] if infer_direction else sets)
     if excluded:
         data = data.without(excluded)
@@ -69,7 +70,8 @@ def read_csv(
     """Measurements of a text file for an arm with `n_joints` joints; as read_measurements."""
     source = _existing(Path(path))
     joints, chosen = Joints.of(n_joints), mapping or DataMap()
-    data = once(measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad))
+    data = measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad)
+    data = one_clock(once(data))
     return with_direction(data) if infer_direction else data
 
 

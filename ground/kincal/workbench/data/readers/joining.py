@@ -11,6 +11,7 @@ import numpy as np
 from kincal_shared.errors import BadInput
 
 from ...numerics.types import Array, Groups
+from ..clock import one_clock
 from ..copies import without_copies
 from ..measurements import Measurements, replicate_groups
 
@@ -27,7 +28,8 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
     A quantity that not all of them have is left out, and a note says so; BadInput if that is the split,
     or if two sets hold the same rows, or an id names two poses of a file. Rows that repeat another one
     are left out and counted. Where an id occurs in two files, the number of the file is put before all
-    ids. Without times everywhere, or with one time for all, the order of the rows is the time.
+    ids. Without times everywhere, or with one time for all, the order of the rows is the time; clocks that
+    begin anew in each file are put one after another.
     """
     if not sets:
         raise BadInput("no measurements given", todo="name a file with --data")
@@ -68,7 +70,10 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         notes=(*dict.fromkeys(note for data in sets for note in data.notes), *left_out),
         **_orientation(sets),
     )
-    return _timed(without_copies(together))
+    number = np.repeat(np.arange(len(sets)), [data.n for data in sets])
+    file = dict(zip(together.ids, number, strict=True))
+    once_each = without_copies(together)
+    return _timed(one_clock(once_each, np.array([file[name] for name in once_each.ids])))
 
 
 def _timed(data: Measurements) -> Measurements:

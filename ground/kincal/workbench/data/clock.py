@@ -1,0 +1,72 @@
+"""One clock for sessions whose clocks began anew: several files, or one file put together from several."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..numerics.types import Array, Groups
+from .measurements import Measurements
+
+_MOST_RESTARTS = 0.1  # of the rows of a file; if times fall back more often, rows are in no order of time
+_LEAST_POSES = 3  # of a session
+_LEAST_MEETINGS = 5  # of poses of two sessions that follow one another in time
+_TOO_CLOSE = 0.5  # times a short interval of one session: no arm is measured in two poses so soon
+_SHARE = 0.15  # of the meetings that are too close: the sessions did not run at one time
+_BREAK = 10.0  # usual intervals between one session and the next: how long it truly was, nothing says
+
+
+def one_clock(data: Measurements, file: Groups | None = None) -> Measurements:
+    """The data with sessions one after another, as they stand, where their clocks each began anew: then poses
+    of two sessions have times at which no arm can have been in both. A note says so.
+
+    file: (N,) number of the file of each row, rising; absent: all are of one. With the times of each session
+    as they are, a base that was moved between two of them would move back and forth with every pose.
+    """
+    if data.t_s is None or data.order_is_time:
+        return data
+    session = _sessions(data.t_s, np.zeros(data.n, dtype=int) if file is None else file)
+    count = int(session.max()) + 1 if data.n else 0
+    t_s, later = data.t_s.copy(), 0
+    for k in range(1, count):
+        mine, before = session == k, session < k
+        if not _at_one_time(t_s[before], data.t_s[mine], data.t_s[session == k - 1]):
+            continue
+        usual = float(np.median(np.diff(np.sort(t_s[before]))))
+        t_s[mine] += float(t_s[before].max() - t_s[mine].min()) + _BREAK * usual
+        later += 1
+    if not later:
+        return data
+    begin = "another session begins" if later == 1 else f"{later} other sessions begin"
+    note = (
+        f"t_s begins anew where {begin}: sessions are put one after another, with breaks of "
+        f"{_BREAK:.0f} usual intervals, since nothing says how long they were"
+    )
+    return replace(data, t_s=t_s, notes=(*data.notes, note))
+
+
+def _sessions(t_s: Array, file: Groups) -> Groups:
+    """(N,) number of the session of each row: a file, or a part of it after which the times fall back."""
+    begins = np.zeros(len(t_s), dtype=bool)
+    begins[1:] = np.diff(file) != 0
+    back = np.zeros(len(t_s), dtype=bool)
+    back[1:] = (np.diff(t_s) < 0.0) & ~begins[1:]
+    for k in np.unique(file):
+        if back[file == k].mean() <= _MOST_RESTARTS:
+            begins |= back & (file == k)
+    return np.cumsum(begins)
+
+
+def _at_one_time(before: Array, mine: Array, last: Array) -> bool:
+    """Poses of a session lie between those before it closer than an arm can move from one to the next.
+    before, mine, last: times of all sessions before, of this one, and of the one just before it."""
+    if min(len(before), len(mine)) < _LEAST_POSES:
+        return False
+    own = np.concatenate([np.diff(np.sort(x)) for x in (mine, last)])
+    short = float(np.quantile(own[own > 0.0], 0.05)) if (own > 0.0).any() else 0.0
+    times = np.concatenate([before, mine])
+    order = np.argsort(times, kind="stable")
+    meets = np.diff(order < len(before)) != 0
+    gaps = np.diff(times[order])[meets]
+    return len(gaps) >= _LEAST_MEETINGS and float((gaps < _TOO_CLOSE * short).mean()) > _SHARE

@@ -1,0 +1,79 @@
+"""Sessions whose clocks began anew are put one after another."""
+
+import numpy as np
+import pytest
+
+from kincal import workbench as wb
+from kincal.workbench.data.clock import one_clock
+from kincal.workbench.data.readers import read_measurements
+
+N = 40
+
+
+def session(seed, *, jitter=0.2, first="a"):
+    """Poses every 6 s, more or less, from 0 on."""
+    rng = np.random.default_rng(seed)
+    t_s = np.cumsum(6.0 * np.exp(jitter * rng.normal(size=N)))
+    q = rng.uniform(-1, 1, (N, 2))
+    return wb.Measurements(
+        source="made", ids=tuple(f"{first}{k}" for k in range(N)), q=q, p_m=q[:, [0, 1, 1]], t_s=t_s - t_s[0]
+    )
+
+
+def both(a, b):
+    """Rows of two sessions in one file."""
+    return wb.Measurements(
+        source="made", ids=a.ids + b.ids, q=np.vstack([a.q, b.q]), p_m=np.vstack([a.p_m, b.p_m]),
+        t_s=np.concatenate([a.t_s, b.t_s]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.2, 0.6])
+def test_a_clock_that_begins_anew_in_a_file_goes_on_after_a_break(jitter):
+    a, b = session(1, jitter=jitter), session(2, jitter=jitter, first="b")
+    data = one_clock(both(a, b))
+    np.testing.assert_array_equal(data.t_s[:N], a.t_s)
+    np.testing.assert_allclose(np.diff(data.t_s[N:]), np.diff(b.t_s))
+    assert data.t_s[N] - data.t_s[N - 1] == pytest.approx(10 * np.median(np.diff(a.t_s)))
+    assert "t_s begins anew where another session begins" in data.notes[-1]
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.2, 0.6])
+def test_one_session_in_two_parts_keeps_its_times(jitter):
+    whole = session(1, jitter=jitter)
+    rng = np.random.default_rng(3)
+    for chosen in (rng.permutation(N) < N // 2, rng.permutation(N) < N // 4, np.arange(N) % 2 == 0):
+        parts = both(whole.take(chosen), whole.take(~chosen))
+        assert one_clock(parts) is parts
+    shuffled = whole.take(rng.permutation(N))
+    assert one_clock(shuffled) is shuffled
+    later = session(2, jitter=jitter)
+    later.t_s[:] += 1000.0
+    together = both(whole, later)
+    assert one_clock(together) is together
+
+
+def written(data, file):
+    rows = np.column_stack([data.t_s, data.q, data.p_m])
+    text = "\n".join(f"{k}," + ",".join(f"{x:.9f}" for x in row) for k, row in enumerate(rows))
+    file.write_text("id,t_s,q1,q2,px,py,pz\n" + text + "\n")
+    return file
+
+
+def test_files_are_sessions_in_the_order_given(tmp_path):
+    a, b = (written(session(seed), tmp_path / f"{seed}.csv") for seed in (1, 2))
+    data = read_measurements([b, a], 2)
+    assert (np.diff(data.t_s) > 0.0).all()
+    np.testing.assert_allclose(data.q[:N], session(2).q, atol=1e-8)
+    assert sum("t_s begins anew" in note for note in data.notes) == 1
+    one = read_measurements(a, 2)  # a part of a file beside it is no session of its own
+    assert (
+        read_measurements([a, written(session(1).take(np.arange(10, 30)), tmp_path / "p.csv")], 2).n == one.n
+    )
+
+
+def test_three_sessions_in_one_file_are_approached_from_where_each_was():
+    parts = [session(seed) for seed in (1, 2, 3)]
+    data = one_clock(both(both(parts[0], parts[1]), parts[2]))
+    assert (np.diff(data.t_s) > 0.0).all()
+    assert "2 other sessions begin" in data.notes[-1]
