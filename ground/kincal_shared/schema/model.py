@@ -102,8 +102,10 @@ class FitEntry(Strict):
     held_mrad: NotNegative | None = None
     """RMS rotation error on the held-out poses [mrad]."""
     held_table_mm: NotNegative | None = None
-    """RMS position error on the held-out poses of what a DH table holds of the fit, where that is less than
-    all of it [mm]."""
+    """RMS position error on the held-out poses of what a DH table holds of a fit to the others, where that is
+    less than all of it [mm]."""
+    exported_table_mm: NotNegative | None = None
+    """RMS position error on the same poses of the table that is exported, fitted to all poses [mm]."""
     noise_scale: NotNegative
     """Fitted over stated noise."""
     base: FrameEntry

@@ -166,11 +166,17 @@ def _without_them(made: Exported, form: str, fit: FitEntry | None) -> Iterator[s
     if [one.effect for one in made.left_out] != [BETA]:
         yield from _WITHOUT_EFFECTS
         return
-    if fit is not None and fit.held_mm is not None and fit.held_table_mm is not None:
+    held, exported = (None, None) if fit is None else (fit.held_table_mm, fit.exported_table_mm)
+    if fit is not None and fit.held_mm is not None and held is not None:
         yield (
-            f"  error on the held-out poses: {fit.held_table_mm:.3f} mm with this table as it stands "
-            f"(`compare --arm`), {fit.held_mm:.3f} mm with all that was fitted to the other poses"
+            f"  error on the held-out poses: {held:.3f} mm with such a table, {fit.held_mm:.3f} mm with all "
+            "that was fitted, both to the other poses"
         )
+        if exported is not None and exported != held:
+            yield (
+                f"  {exported:.3f} mm on these poses with the table that was written (`compare --arm`), "
+                "which is fitted to all poses"
+            )
     yield "  --format urdf, json, python and c hold it"
 
 

@@ -43,6 +43,16 @@ _STILL = 0.02  # [rad or m], a joint that moves less stands still
 
 
 @dataclass(frozen=True)
+class TableErrors:
+    """Errors of a DH table [m], [rad] on the held-out poses. held: of a table that was fitted to the other
+    poses; exported: of that which is exported, fitted to all poses unless the file keeps some back. It leaves
+    other turns out than the first, and its error may be smaller or larger."""
+
+    held: PosRot
+    exported: PosRot
+
+
+@dataclass(frozen=True)
 class Comparison:
     """A model beside measurements.
 
@@ -116,16 +126,18 @@ class Comparison:
         return {name: fit.evaluation.r if held is None else fit.predict(held) for name, fit in fits.items()}
 
     @cached_property
-    def table_error(self) -> PosRot | None:
-        """Error on the held-out poses of what a DH table holds of a calibration without effects, where that
-        is less than all of it: no turns between parallel axes. None otherwise, or if no poses are held
-        out. The table is that which is exported, fitted to all poses: that of the fit poses alone leaves
-        other turns out, and its error differs by more than a tenth."""
-        whole = self.fit_all
-        if self.held_data is None or whole.hypotheses or not any(map(is_beta, whole.names)):
+    def table_errors(self) -> TableErrors | None:
+        """Errors of what a DH table holds of a calibration without effects, where that is less than all of
+        it: no turns between parallel axes. None otherwise, or if no poses are held out."""
+        held = self.held_data
+        if held is None or self.fit_all.hypotheses or not any(map(is_beta, self.fit_all.names)):
             return None
-        table = replace(whole, estimate=given_no_beta(whole.names, whole.estimate, whole.cov))
-        return rms(table.predict(self.held_data))
+
+        def of_table(fit: Fit) -> PosRot:
+            table = replace(fit, estimate=given_no_beta(fit.names, fit.estimate, fit.cov))
+            return rms(table.predict(held))
+
+        return TableErrors(of_table(self.fit_part), of_table(self.fit_all))
 
     @cached_property
     def consistency(self) -> Check:

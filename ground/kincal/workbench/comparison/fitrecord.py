@@ -45,7 +45,7 @@ def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEnt
     """What the table [fit] of M.toml holds."""
     fit, comparison = result.fit, result.comparison
     held = comparison.rms["held"] if len(comparison.split.held) else (None, None)
-    table = comparison.table_error
+    table = comparison.table_errors
     return FitEntry(
         when=datetime.now(UTC).isoformat(timespec="seconds"),
         tool_version=version,
@@ -56,7 +56,8 @@ def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEnt
         held=[comparison.data.ids[i] for i in comparison.split.held],
         held_mm=None if held[0] is None else held[0] * 1e3,
         held_mrad=None if held[1] is None else held[1] * 1e3,
-        held_table_mm=None if table is None else table[0] * 1e3,
+        held_table_mm=None if table is None else table.held[0] * 1e3,
+        exported_table_mm=None if table is None else table.exported[0] * 1e3,
         noise_scale=fit.scale,
         base=_frame(fit.base),
         tool=_frame(fit.tool),

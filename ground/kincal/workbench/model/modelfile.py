@@ -280,7 +280,9 @@ def _fit(fit: FitEntry | None) -> list[str]:
     """The table [fit]: plain keys first, as TOML wants it."""
     if fit is None:
         return []
-    optional = {key: getattr(fit, key) for key in ("held_mm", "held_mrad", "held_table_mm")}
+    optional = {
+        key: getattr(fit, key) for key in ("held_mm", "held_mrad", "held_table_mm", "exported_table_mm")
+    }
     return [
         "",
         "[fit]",

@@ -112,8 +112,8 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
         f"calibrate lengths, angles and frames of the arm{gain}",
         _kincal("fit", *inputs.sources, *inputs.written),
     )
-    table = d.comparison.table_error
-    less = f"; a table leaves some of it out: held-out error {table[0] * 1e3:.3f} mm" if table else ""
+    table = d.comparison.table_errors
+    less = f"; a table leaves some of it out: held-out error {table.held[0] * 1e3:.3f} mm" if table else ""
     yield _export(inputs, f"take that arm away as a table (also urdf, json, python, c{less})", "dh")
 
 
