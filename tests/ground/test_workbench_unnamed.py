@@ -1,6 +1,8 @@
 """Unnamed effects as terms: their selection against independent statistics, their curve against the truth,
 the model file, flight; real arms."""
 
+from dataclasses import replace
+
 import numpy as np
 import poses
 import pytest
@@ -9,9 +11,11 @@ from scipy import stats
 from sklearn.linear_model import Ridge
 
 from kincal import workbench as wb
+from kincal.cli.text import model as text
 from kincal.flight import Arm, Model, Terms, tables
 from kincal.workbench.comparison.compare import compare
 from kincal.workbench.diagnosis import additions
+from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.evidence import smooth
 from kincal.workbench.evidence.bayes_factors import Projector
 from kincal.workbench.evidence.products import product_dictionary, score_products, spots
@@ -196,6 +200,30 @@ def test_unnamed_alone_stands_for_all_that_pay_beside_what_is_there(arm, measure
 def test_nothing_is_added_to_a_model_that_lacks_nothing(arm, tmp_path):
     clean = wb.read_csv(poses.poses_csv(tmp_path / "clean.csv", 100, 22), 7)
     assert wb.add_unnamed(compare(arm, clean)).steps == ()
+
+
+def test_what_follows_time_is_named_and_no_function_of_the_pose_stands_for_it(arm, tmp_path):
+    clean = wb.read_csv(poses.poses_csv(tmp_path / "clean.csv", 100, 23), 7)
+    clean = clean.take(np.random.default_rng(23).permutation(clean.n))
+    moved_m = 5.0 * NOISE_M * np.cos(np.linspace(0.0, 3.0, clean.n))[:, None] * [1.0, -1.0, 0.5]
+    drifting = replace(clean, p_m=clean.p_m + moved_m, t_s=np.arange(100.0), order_is_time=False)
+    found = wb.find_unnamed(arm, drifting, ["unnamed"])
+    assert found.names == () and str(found.all_of_them.time) == "unnamed[base translation: t]"
+    said = "\n".join(text.additions(found))
+    assert "what is left follows time" in said and "nothing to add" not in said
+    by_name = wb.find_unnamed(arm, drifting, ["unnamed[base translation: t]", "unnamed"])
+    assert by_name.names[0] == "unnamed[base translation: t]" and by_name.all_of_them.time is None
+
+
+def test_no_effect_is_added_with_which_held_out_poses_are_worse_than_with_none(
+    arm, measured, tmp_path, monkeypatch
+):
+    """Two were added, each within chance, and the error rose from 1.96 to 2.72 mm."""
+    base = compare(arm, measured)
+    clean = wb.read_csv(poses.poses_csv(tmp_path / "clean.csv", 120, 21), 7)  # the same poses
+    monkeypatch.setattr(HeldGain, "harms", False)
+    assert wb.add_unnamed(base).steps
+    assert wb.add_unnamed(replace(base, held_data=clean.take(base.split.held))).steps == ()
 
 
 def test_terms_come_back_from_the_model_file(arm, measured, added, tmp_path):

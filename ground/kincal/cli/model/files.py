@@ -78,7 +78,7 @@ def add_command(
     from kincal.cli.terminal import progress
     from kincal.cli.text import model as text
 
-    read = given.read if given else None
+    read = given.checked if given else None
     with progress() as tick:
         added = change_by_adding(model_path, names, effect_files, arm_path, read, tick)
     for line in text.additions(added.found):
@@ -216,7 +216,7 @@ def uplink_command(
     from kincal.workbench.model.uplink import flight_tables
     from kincal_shared.writing import write_file
 
-    read = given.read if given else None
+    read = given.checked if given else None
     made = for_flight(model_path, tables_dir, effect_files, arm_path, read, drop)
     image = made.image
     out = out_path or model_path.with_suffix(".tbl")

@@ -86,8 +86,14 @@ def additions(found: Found) -> Iterator[str]:
     every = found.all_of_them
     if every is None:
         return
-    if not every.steps:
+    if every.time is not None:
+        yield (
+            "unnamed: what is left follows time, and no function of the pose can stand for it; to describe "
+            f"these poses, add {str(every.time)!r} by its name"
+        )
+    elif not every.steps:
         yield "unnamed: nothing to add: no smooth function predicts left-out poses better and harms no others"
+    if not every.steps:
         return
     held = f"held-out error with all of them {every.held_pos_m * 1e3:.3f} mm"
     yield f"unnamed: {len(every.steps)} added" + (f"; {held}" if isfinite(every.held_pos_m) else "")

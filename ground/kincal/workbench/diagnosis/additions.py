@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +31,6 @@ _ODDS = 9.0
 _ROWS_EACH = (
     2  # that the poses have for each coefficient of the whole model; with fewer, functions only fit noise
 )
-NOT_PREDICTABLE = ("order", "t")  # of poses that are yet to come
 
 
 @dataclass(frozen=True)
@@ -52,13 +51,16 @@ class Additions:
     """Unnamed effects that a model asks for.
 
     steps: in the order they were added; fit: of the model with all of them, on the fit poses; held_pos_m,
-    held_rot_rad: RMS error of the held-out poses with it [m], [rad]; NaN and None where there are none.
+    held_rot_rad: RMS error of the held-out poses with it [m], [rad]; NaN and None where there are none; time:
+    a function of time that explains far more of what is left than any of the pose, which would only stand for
+    it.
     """
 
     steps: tuple[Addition, ...]
     fit: Fit
     held_pos_m: float
     held_rot_rad: float | None
+    time: UnnamedName | None = None
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -78,19 +80,24 @@ def add_unnamed(
     in cross-validation are predicted better.
 
     comparison: of the data; hypotheses: effects of the model. Everything is chosen on the fit poses; the
-    held-out ones only measure. most: unnamed effects at most.
+    held-out ones only refuse an effect with which their error is larger than with none. most: unnamed effects
+    at most.
     """
     steps: list[Addition] = []
     fit = fit_part(comparison, hypotheses, dh=dh)
+    begin, time = fit, None
     while len(steps) < most:
         progress("unnamed effects", len(steps), most)
-        step = _next(comparison, fit, dh)
+        scorer = _scorer(fit)
+        names, tries, time = _proposed(fit, scorer)
+        wanted = () if time else _wanted(fit, scorer, names, tries)
+        step = _next(comparison, fit, wanted, begin, dh=dh)
         if step is None:
             break
         addition, fit = step
         steps.append(addition)
     position, rotation = rms(_held_residuals(fit, comparison.held_data))
-    return Additions(tuple(steps), fit, position, rotation)
+    return Additions(tuple(steps), fit, position, rotation, time)
 
 
 def only(
@@ -146,23 +153,24 @@ def _room(fit: Fit) -> int:
     return max(0, min(MOST_TERMS, room_for(fit.parameters), by_poses))
 
 
-def _next(comparison: Comparison, fit: Fit, dh: bool) -> tuple[Addition, Fit] | None:
-    """The effect that the data ask for most and the fit with it; None if they ask for none that holds."""
-    for effect in _wanted(fit):
+def _next(
+    comparison: Comparison, fit: Fit, wanted: Iterable[SmoothEffect], begin: Fit, *, dh: bool
+) -> tuple[Addition, Fit] | None:
+    """The first effect that holds and the fit with it, None if there is none. begin: before any was added."""
+    for effect in wanted:
         grown = fit_part(comparison, (*fit.hypotheses, effect.hypothesis), dh=dh)
         addition = _addition(comparison, fit, grown, effect)
         harms = addition.held is not None and addition.held.harms
-        if addition.crossed.gains and not harms:
+        if addition.crossed.gains and not harms and not _worse(comparison, begin, grown):
             return addition, grown
     return None
 
 
-def _wanted(fit: Fit) -> Iterator[SmoothEffect]:
+def _wanted(fit: Fit, scorer: Scorer, names: Sequence[UnnamedName], tries: int) -> Iterator[SmoothEffect]:
     """Effects that beat "nothing missing" after paying for all that were tried, most evidence first."""
-    scorer, room = _scorer(fit), _room(fit)
-    names, tries = _proposed(fit, scorer)
+    room = _room(fit)
     found = [full_effect(name, scorer) for name in names]
-    least = np.log(_ODDS * PRIOR_NONE / PRIOR_UNNAMED) + np.log(tries)
+    least = _least_ln_bf(tries)
     for whole in sorted(found, key=lambda f: -f.ln_bf)[:2]:
         if room and whole.ln_bf > least:
             try:
@@ -171,8 +179,9 @@ def _wanted(fit: Fit) -> Iterator[SmoothEffect]:
                 continue
 
 
-def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int]:
-    """Places and drivers that the map and the dictionary of products point at, and how many there are."""
+def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int, UnnamedName | None]:
+    """Places and drivers that the map and the dictionary of products point at, how many there are, and a
+    function of time that has far more evidence than all others."""
     cells = scorer.map()
     scored = {(s.best.location, s.best.drivers): s.ln_bf for s in cells}
     products = score_products(scorer.columns, scorer.projector, scorer.wz, scorer.noise, count=10 * _TRIED)
@@ -181,28 +190,52 @@ def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int]:
         scored[key] = max(product.ln_bf, scored.get(key, -np.inf))
     taken, possible = {h.name for h in fit.hypotheses}, {p.name for p in all_places(fit.arm, fit.data)}
     ranked = sorted(scored, key=lambda key: -scored[key])
-    names = [
-        UnnamedName(place, drivers)
-        for place, drivers in ranked
-        if place in possible and not set(drivers) & set(NOT_PREDICTABLE)
-    ]
-    new = [name for name in names if str(name) not in taken]
+    every = [UnnamedName(place, drivers) for place, drivers in ranked if place in possible]
+    new = [name for name in every if str(name) not in taken]
+    time, new = _first_of_time(scored, new), [name for name in new if not name.of_time]
     # the map is too smooth to point at ripples of a joint's own angle
     own = [UnnamedName(f"joint {j}", (f"q{j}",)) for j in range(1, fit.arm.n + 1)]
     ripples = [name for name in own if name in new[_TRIED:]]
-    return [*new[:_TRIED], *ripples], max(len(scored), 1)
+    return [*new[:_TRIED], *ripples], max(len(scored), 1), time
+
+
+def _first_of_time(
+    scored: Mapping[tuple[str, tuple[str, ...]], float], ranked: Sequence[UnnamedName]
+) -> UnnamedName | None:
+    """The first function of time, if it has far more evidence than each of the pose and than nothing."""
+    first = next((name for name in ranked if name.of_time), None)
+    if first is None:
+        return None
+    ln_bf = scored[first.place, first.drivers]
+    others = max((scored[name.place, name.drivers] for name in ranked if not name.of_time), default=-np.inf)
+    least = _least_ln_bf(len(scored))
+    return first if ln_bf > max(least, others + np.log(_ODDS)) else None
+
+
+def _least_ln_bf(tries: int) -> float:
+    """Evidence that beats "nothing missing" after paying for all that were tried."""
+    return float(np.log(_ODDS * PRIOR_NONE / PRIOR_UNNAMED) + np.log(tries))
 
 
 # ------------------------------------------------------------------------------------------------ gains
 
 
 def _addition(comparison: Comparison, before: Fit, after: Fit, effect: SmoothEffect) -> Addition:
-    held = None
-    if comparison.held_data is not None:
-        squares = [_squares(_held_residuals(fit, comparison.held_data)) for fit in (before, after)]
-        repeats = comparison.held_data.repeats
-        held = HeldGain.of(squares[0], squares[1], repeats, cross_validated=False)
-    return Addition(effect, _crossed(after, effect.hypothesis), held)
+    return Addition(effect, _crossed(after, effect.hypothesis), _held_gain(comparison, before, after))
+
+
+def _worse(comparison: Comparison, before: Fit, after: Fit) -> bool:
+    """The error of the held-out poses is larger, be it by chance."""
+    held = _held_gain(comparison, before, after)
+    return held is not None and held.after_m > held.before_m
+
+
+def _held_gain(comparison: Comparison, before: Fit, after: Fit) -> HeldGain | None:
+    """Of the held-out poses, None if there are none."""
+    if comparison.held_data is None:
+        return None
+    without, with_it = (_squares(_held_residuals(fit, comparison.held_data)) for fit in (before, after))
+    return HeldGain.of(without, with_it, comparison.held_data.repeats, cross_validated=False)
 
 
 def _held_residuals(fit: Fit, held: Measurements | None) -> Array:

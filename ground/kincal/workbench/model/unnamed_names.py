@@ -36,5 +36,10 @@ class UnnamedName:
         """Of a cell of the map; a location that terms cannot act at is named by the place that holds it."""
         return cls(_HELD_BY.get(location, location), drivers)
 
+    @property
+    def of_time(self) -> bool:
+        """Whether the function has no value for poses that are yet to come."""
+        return bool({"order", "t"} & set(self.drivers))
+
     def __str__(self) -> str:
         return f"{UNNAMED}[{self.place}: {', '.join(self.drivers)}]"

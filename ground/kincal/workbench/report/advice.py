@@ -10,8 +10,8 @@ from itertools import count
 from kincal_shared.schema.names import UNNAMED, split_constants
 
 from ..diagnosis import Diagnosis
-from ..diagnosis.additions import NOT_PREDICTABLE
 from ..diagnosis.findings import UnnamedFinding
+from ..model.unnamed_names import UnnamedName
 from ..prediction.nested import DH, HELD_OUT, NOMINAL, NestedModel
 from ..prediction.nextposes import NextPose, would_decide
 from . import explain
@@ -144,7 +144,7 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 def _smooth(u: UnnamedFinding, inputs: Inputs) -> Iterator[Step]:
     """What follows time is added by its name: `unnamed` alone adds what predicts poses to come."""
     words = (*inputs.written, *inputs.library, *inputs.sources)
-    if set(u.depends_on) & set(NOT_PREDICTABLE) and u.curves and u.held.gains:
+    if UnnamedName.parse(u.name).of_time and u.curves and u.held.gains:
         yield Step(
             "add a smooth function of time to describe these poses; it predicts none that are measured "
             "later: look for what moves or warms up",
