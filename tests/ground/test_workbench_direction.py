@@ -3,11 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import poses
 import pytest
 
 from kincal import workbench as wb
 from kincal.workbench.data.direction import last_moves, with_direction
 from kincal.workbench.data.readers import read_measurements
+from kincal.workbench.evidence.adequacy import find_outliers
+from kincal.workbench.fit.least_squares import fit_model
 
 
 def campaign(q, **columns):
@@ -95,3 +98,20 @@ def test_files_are_read_each_in_its_own_order_and_the_argument_switches_it_off(t
     off = read_measurements(files, 2, infer_direction=False)
     assert off.direction is None
     assert off.direction_source == "none"
+
+
+def test_a_pose_whose_direction_nobody_knows_is_no_outlier_of_an_effect_that_follows_it(
+    arm, library, tmp_path
+):
+    """The first pose of a session: half the backlash is missing there, and `--exclude` was advised."""
+
+    def loose(q, direction):
+        return q + 0.006 * np.eye(7)[1] * direction[1]
+
+    data = wb.read_csv(poses.poses_csv(tmp_path / "loose.csv", 60, 5, loose), 7)
+    data.direction[0] = 0.0
+    for source, outliers in (("measured", ("p0",)), ("inferred", ())):
+        fit = fit_model(arm, replace(data, direction_source=source), library.find("backlash[2]", arm, data))
+        assert find_outliers(fit).ids == outliers
+    without = fit_model(arm, replace(data, direction_source="inferred"))
+    assert find_outliers(without) == find_outliers(replace(without, data=data))

@@ -184,15 +184,25 @@ def _worst_pose(fit: Fit, i: int) -> WorstPose:
 
 def find_outliers(fit: Fit, held: Measurements | None = None) -> Outliers:
     """Poses beyond the chi^2 quantile 1 - 0.01/N; and whether they cluster, which would be an effect. Of held
-    poses, which are not among the fitted ones, those that are grossly off too."""
+    poses, which are not among the fitted ones, those that are grossly off too. Not those whose approach
+    direction nobody knows (the first one of a session), where an effect of the model follows it."""
     n, c = fit.evaluation.r.shape
-    flagged = list(fit.d2 > chi2_quantile(0.01 / n, c))
+    flagged = list((fit.d2 > chi2_quantile(0.01 / n, c)) & ~_without_direction(fit))
     names = fit.data.ids
     if held is not None:
         names += held.ids
         flagged += list(gross((fit.predict(held)[:, :3] ** 2).sum(axis=1)))
     ids = tuple(name for name, out in zip(names, flagged, strict=True) if out)
     return Outliers(ids, len(names), _clusters(thinned(fit), ids))
+
+
+def _without_direction(fit: Fit) -> Mask:
+    """(N,) poses without an approach direction that the model needs, since none could be inferred."""
+    direction = fit.data.direction
+    joints = {b.index - 1 for p in fit.parameters for t in p.terms for b in t.basis if b.var == "dir"}
+    if direction is None or fit.data.direction_source != "inferred" or not joints:
+        return np.zeros(fit.data.n, dtype=bool)
+    return np.asarray((direction[:, sorted(joints)] == 0.0).any(axis=1), dtype=bool)
 
 
 def gross(square: Array) -> Mask:
