@@ -91,6 +91,26 @@ def test_a_few_poses_of_one_place_are_few_and_not_in_millimetres(tmp_path):
     assert "millimetres" in {f.code for f in check(arm, two).findings}
 
 
+@pytest.mark.parametrize("position_only", [False, True])
+def test_noise_that_a_fit_falls_far_below_is_in_millimetres(tmp_path, position_only):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    path = poses.poses_csv(tmp_path / "poses.csv", 60, 3, noise_size=0.05, position_only=position_only)
+    data = wb.read_csv(path, 7)
+
+    def stated(sigma_m):
+        return replace(data, cov=np.tile(np.diag([sigma_m**2] * 3 + [1e-8] * 3), (60, 1, 1)))
+
+    for right in (5e-5, 2.9e-3):
+        assert check(arm, stated(right)).ok
+    for wrong in (0.05, 0.02, 0.005):
+        (found,) = check(arm, stated(wrong)).findings
+        assert found.code == "millimetres"
+        assert f"the stated noise is {wrong:g} m, but a fit of the DH errors leaves 0.0" in found.text
+    few = stated(0.01).take(np.arange(14))  # a fit leaves little of few poses, whatever the noise
+    noisy = replace(few, p_m=few.p_m + np.random.default_rng(1).normal(0.0, 0.01, few.p_m.shape))
+    assert "millimetres" not in codes(arm, noisy)
+
+
 def test_a_table_of_flight_is_no_arm_table():
     with pytest.raises(wb.BadInput, match="this is a table of flight.*no arm table") as refused:
         read_arm(ROOT / "tables" / "src" / "arm.toml")

@@ -303,6 +303,8 @@ WRONG = {
     "part of the quaternion": (without("qz"), ["lacks qz"]),
     "negative sigma": (added(sp_m="-0.001", sr_rad="0.001"), ["sp_m is -0.001"]),
     "noise in millimetres": (added(sp_m="0.6", sr_rad="0.001"), ["stated noise", "millimetres"]),
+    "noise of 0.05 mm in millimetres": (added(sp_m="0.05", sr_rad="0.001"),
+                                        ["noise is 0.05 m", "leaves", "millimetres", "sp_m in metres"]),
     "unknown split": (added(split="train"), ["split is train"]),
     "direction of 2": (added(**{f"dir{j}": "2" for j in range(1, 8)}), ["dir1", "-1, 0 or +1"]),
     "degrees": (scaled(Q, 180.0 / np.pi), ["degrees", "--units deg"]),
