@@ -18,6 +18,7 @@ from kincal.rotations import Pose
 from kincal.workbench.consistency.recorded import _duplicates, _too_alike
 from kincal.workbench.data.copies import without_copies
 from kincal.workbench.data.measurements import Measurements, replicate_groups
+from kincal.workbench.data.readers import read_measurements
 from kincal.workbench.data.readers.joining import joined
 from kincal.workbench.data.split import choose_split
 from kincal.workbench.evidence.adequacy import noise_floor
@@ -429,6 +430,30 @@ def test_replicates_that_the_file_states_are_no_copies(tmp_path, numbers):
     assert list(of_data_codes(data)) == []
     unstated = csv_file(tmp_path, "\n".join([HEADER, *(line.rsplit(",", 1)[0] for line in lines)]) + "\n")
     assert wb.read_csv(unstated, 2).duplicates == 40
+
+
+@pytest.mark.parametrize("form", ["csv", "npz"])
+def test_a_pose_without_a_replicate_number_was_not_repeated(tmp_path, form):
+    x = np.random.default_rng(3).uniform(-1.0, 1.0, (6, 5))
+    x[1, :2] = x[0, :2]
+    x[5, :2] = x[4, :2]  # near each other, and yet not repeated, as the file says
+    groups = ["7", "7", "", "", "", ""]
+    if form == "csv":
+        lines = [",".join(map(repr, map(float, row))) + f",{k}" for row, k in zip(x, groups, strict=True)]
+        path = csv_file(tmp_path, "\n".join([HEADER + ",replicate", *lines]) + "\n")
+        data = wb.read_csv(path, 2)
+    else:
+        path = tmp_path / "poses.npz"
+        np.savez(path, q=x[:, :2], p=x[:, 2:], replicate=[float(k or "nan") for k in groups])
+        data = read_measurements(path, 2)
+    assert data.n == 6 and data.replicate_stated and not data.skipped
+    assert data.repeats[0] == data.repeats[1] and len(set(data.repeats)) == 5
+    assert len(set(joined([data, replace(data, q=data.q + 1.0)]).repeats)) == 10
+
+
+def test_a_file_in_which_no_pose_has_a_replicate_number_repeats_none(tmp_path):
+    path = csv_file(tmp_path, HEADER + ",replicate\n.1,.2,.3,.4,.5,\n.2,.2,.3,.4,.5,\n")
+    assert wb.read_csv(path, 2).repeats is None
 
 
 def of_data_codes(data):

@@ -9,7 +9,7 @@ import numpy as np
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.datamap import RECORDED, DataMap
 
-from ...numerics.types import Array, Mask
+from ...numerics.types import Array, Groups, Mask
 from ..measurements import Measurements, replicate_groups
 from .columns import Columns, quaternions, unit
 from .ranges import RANGES, unusable_variance
@@ -61,7 +61,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         cam_p_m=None if cam is None else cam[:, :3],
         cam_quat_wxyz=None if cam is None else cam[:, 3:],
         split=np.array(columns.texts["split"])[good] if "split" in columns.texts else None,
-        replicate=replicate.astype(int) if replicate is not None else replicate_groups(q, payload),
+        replicate=_stated_groups(replicate) if replicate is not None else replicate_groups(q, payload),
         replicate_stated=replicate is not None,
         skipped=tuple(problems),
         duplicates=0,  # counted when all files are joined
@@ -144,6 +144,13 @@ def _check_groups(columns: Columns, group: Array) -> None:
         "measurements of one commanded pose"
         for k in np.flatnonzero(wrong) for j in [int(off[k].argmax())]
     ))  # fmt: skip
+
+
+def _stated_groups(group: Array) -> Groups:
+    """(n,) numbers of the groups; a pose without one (nan) was not repeated, and is a group of its own."""
+    alone = np.isnan(group)
+    free = int(np.max(group, initial=0.0, where=~alone)) + 1
+    return np.where(alone, free + np.cumsum(alone), group).astype(int)
 
 
 def _check_texts(columns: Columns) -> None:

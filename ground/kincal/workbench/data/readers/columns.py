@@ -21,6 +21,7 @@ UNIT_TOL = 1e-3  # of the norm of a quaternion as people round it
 _DEGREE = math.pi / 180.0
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_MAY_BE_EMPTY = ("replicate",)  # an empty cell says something
 # What the unit of a quantity is of, by the end of its name; the others have one unit only.
 _KIND = {"m": "length", "rad": "angle", "s": "time"}
 
@@ -29,8 +30,8 @@ _KIND = {"m": "length", "rad": "angle", "s": "time"}
 class Columns:
     """Quantities of a table, with the rows that cannot be used.
 
-    values: quantity -> (N, k) in SI units; texts: quantity -> N; used: names of columns that were read;
-    bad: row -> reason, the first one found.
+    values: quantity -> (N, k) in SI units, nan in a cell that may be empty; texts: quantity -> N; used: names
+    of columns that were read; bad: row -> reason, the first one found.
     """
 
     table: Table
@@ -167,7 +168,7 @@ class Columns:
         numeric = {key: names for key, names in plan.items() if key not in TEXTS}
         comma = self._decimal_comma([name for names in numeric.values() for name in names])
         for key, names in numeric.items():
-            numbers = np.column_stack([self._numbers(name, comma) for name in names])
+            numbers = np.column_stack([self._numbers(name, comma, key in _MAY_BE_EMPTY) for name in names])
             self.values[key] = numbers * self._scale(key, names)
         for key in plan.keys() & set(TEXTS):
             (name,) = plan[key]
@@ -188,14 +189,17 @@ class Columns:
             )
         return bool(comma)
 
-    def _numbers(self, name: str, comma: bool) -> Array:
-        """(N,) numbers of a column; nan, and the row bad, where there is none."""
+    def _numbers(self, name: str, comma: bool, may_be_empty: bool) -> Array:
+        """(N,) numbers of a column; nan where there is none, and the row bad unless the cell is empty and may
+        be."""
         cells = self.table.columns[name]
         if isinstance(cells, np.ndarray):
             found = array(cells)
+            empty = np.isnan(found)
         else:
             found = np.array([_number(cell, comma) for cell in cells], dtype=float)
-        wrong = ~np.isfinite(found)
+            empty = np.array([not cell.strip() for cell in cells], dtype=bool)
+        wrong = ~np.isfinite(found) & ~(empty & may_be_empty)
         self.refuse(wrong, (self._why(name, cells[k], found[k]) for k in np.flatnonzero(wrong)))
         return found
 
