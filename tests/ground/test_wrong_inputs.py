@@ -300,6 +300,11 @@ WRONG = {
     "text in a number": (cell(3, "q2", "approx 3"), ["line 5", "q2", "approx 3"]),
     "decimal commas and points": (semicolons_with_both, ["decimal commas", "decimal points"]),
     "missing column": (without("q4"), ["q4", "missing"]),
+    "joints from q0 on": (renamed({f"q{j}": f"q{j - 1}" for j in range(1, 8)}),
+                          ["q7 missing", "count from 1: q1..q7", "--column q=q0,q1,q2,q3,q4,q5,q6"]),
+    "a joint q0 too many": (added(q0="0.1"), ["has column q0, but", "has 7 joints", "--column q=q1,"]),
+    "directions from dir0 on": (added(**{f"dir{j}": "1" for j in range(7)}),
+                                ["lacks dir7", "count from 1: dir1..dir7"]),
     "part of the quaternion": (without("qz"), ["lacks qz"]),
     "negative sigma": (added(sp_m="-0.001", sr_rad="0.001"), ["sp_m is -0.001"]),
     "noise in millimetres": (added(sp_m="0.6", sr_rad="0.001"), ["stated noise", "millimetres"]),
@@ -427,6 +432,16 @@ def test_the_other_order_of_quaternions_is_named_whatever_was_said(folder, read)
     advice = f"{other}={columns}"  # as the message says it: the same columns in the same order
     right = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation", advice)
     assert right.exit_code == 0, right.stderr
+
+
+def test_a_pattern_of_columns_that_count_from_0_is_answered_with_their_list(folder):
+    renamed({f"q{j}": f"Joint {j - 1}" for j in range(1, 8)})(folder)
+    args = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--column")
+    done = compare(*args, "q=Joint {}")
+    assert done.exit_code == EXIT_INPUT
+    listed = "q=" + ",".join(f"Joint {j}" for j in range(7))
+    assert f"{{}} counts from 1: write --column '{listed}'" in done.stderr
+    assert compare(*args, listed).exit_code == 0
 
 
 def with_euler(folder, axes, scale=1.0):

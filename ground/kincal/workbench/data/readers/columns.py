@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -106,6 +107,8 @@ class Columns:
         if absent:
             near = nearest_name(absent[0], self.table.columns)
             hint = f"did you mean {near!r}? " if near else ""
+            if isinstance(names, str) and (zero := self._from_zero(names, count)):
+                hint = f"{{}} counts from 1: write --column {shlex.quote(f'{key}={zero}')}; "
             raise BadInput(
                 f"{key}: there is no column {', '.join(map(repr, absent))}", self.where,
                 f"{hint}columns are {', '.join(self.table.columns)}",
@@ -133,27 +136,36 @@ class Columns:
         needed = [*(joints if given.q is None else []), *(("px", "py", "pz") if given.p is None else [])]
         missing = [name for name in needed if name not in self.table.columns]
         if missing and any(name in missing for name in names):
-            there = ", ".join(self.table.columns)
+            hint = "if they have other names, say which with --column or --map"
+            if joints[-1] in missing and (zero := self._from_zero("q{}", len(joints))):
+                hint = f"columns count from 1: q1..q{len(joints)}; rename them, or write --column q={zero}"
             raise BadInput(
                 f"{self.where}: column(s) {', '.join(missing)} missing; an arm with {len(joints)} "
                 f"joints needs q1..q{len(joints)},px,py,pz",
-                todo=f"if they have other names, say which with --column or --map; there are {there}",
+                todo=f"{hint}; there are {', '.join(self.table.columns)}",
             )
+
+    def _from_zero(self, pattern: str, count: int) -> str:
+        """The columns of a pattern with {} for the number, from 0 on, if all of them are there."""
+        names = [pattern.replace("{}", str(k)) for k in range(count)]
+        return ",".join(names) if all(name in self.table.columns for name in names) else ""
 
     def _complete(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """The names if all are there, () if none is; BadInput for some of them."""
         there = [name for name in names if name in self.table.columns]
         if there and len(there) < len(names):
             lacking = [name for name in names if name not in self.table.columns]
+            zero = self._from_zero(f"{names[0].rstrip('1')}{{}}", len(names))
             raise BadInput(
                 f"{self.where}: has {', '.join(there[:4])} but lacks {', '.join(lacking[:4])}; "
-                f"give all of {names[0]}..{names[-1]} or none"
+                f"give all of {names[0]}..{names[-1]} or none",
+                todo=f"columns count from 1: {names[0]}..{names[-1]}" if zero else "",
             )
         return tuple(there)
 
     def _check_number_of_joints(self) -> None:
-        extra = f"q{self.joints.n + 1}"
-        if extra in self.table.columns and self.mapping.columns.q is None:
+        extra = next((name for name in ("q0", f"q{self.joints.n + 1}") if name in self.table.columns), "")
+        if extra and self.mapping.columns.q is None:
             columns = ",".join(f"q{j}" for j in range(1, self.joints.n + 1))
             raise BadInput(
                 f"{self.where}: has column {extra}, but the arm table has {self.joints.n} joints",
