@@ -273,6 +273,19 @@ WRONG = {
     "no file": (gone("poses.csv"), ["poses.csv", "no such file"]),
     "bytes": (content(bytes(range(128, 256)) * 9), ["poses.csv", "does not look like text"]),
     "UTF-16": (content("q1,q2\n1,2\n".encode("utf-16")), ["poses.csv", "UTF-16", "UTF-8", "iconv -f utf-16"]),
+    "UTF-16 without a mark": (content("q1,q2\n1,2\n".encode("utf-16-le")),
+                              ["poses.csv", "UTF-16LE", "UTF-8", "iconv -f utf-16le"]),
+    "UTF-16 of the other order": (content("q1,\u00b0\n1,2\n".encode("utf-16-be")), ["iconv -f utf-16be"]),
+    "an arm table in UTF-16": (content("a = 'a'\n".encode("utf-16-le"), "arm.toml"), ["iconv -f utf-16le"]),
+    "a name with what is not shown": (renamed({"q2": "q2\u200b"}),
+                                      ["line 1", "column 3, q2\\u200b, holds U+200B", "write q2 without it"]),
+    "a mark in the name of the ids": (renamed({"id": "i\ufeffd"}), ["column 1, i\\ufeffd, holds U+FEFF"]),
+    "a time with what is not shown": (added(**{"t_s\u00ad": "1"}), ["t_s\\xad, holds U+00AD"]),
+    "a number with what is not shown": (cell(3, "q2", "0.5\u200b"),
+                                        ["line 5", "q2 is 0.5\\u200b", "holds U+200B", "take it out"]),
+    "a minus sign of print": (cell(3, "q2", "\u22120.5"),
+                              ["line 5", "q2 is \u22120.5", "sign is U+2212", "- of the keyboard"]),
+    "a split with what is not shown": (added(split="fit\u200b"), ["line 2", "split is fit\\u200b"]),
     "Windows-1252": (content("q1,T in °C\n1,2\n".encode("cp1252")),
                      ["poses.csv", "line 1", "q1,T in °C", "iconv -f cp1252 -t utf-8 poses.csv"]),
     "a position of 1e300 m": (cell(3, "py", "1e300"), ["line 5", "py is 1e+300 m", "up to 1e+07"]),
@@ -432,6 +445,21 @@ def test_the_other_order_of_quaternions_is_named_whatever_was_said(folder, read)
     advice = f"{other}={columns}"  # as the message says it: the same columns in the same order
     right = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation", advice)
     assert right.exit_code == 0, right.stderr
+
+
+def test_a_file_with_two_byte_order_marks_keeps_its_ids(folder):
+    path = folder / "poses.csv"
+    path.write_bytes(b"\xef\xbb\xbf" * 2 + path.read_bytes())
+    assert read_measurements(path, 7).ids[0] == "p0"
+
+
+def test_columns_and_ids_with_what_is_not_shown_are_named_so_that_it_is(folder):
+    added(**{"force\u200b": "1"})(folder)
+    cell(3, "id", "p3\u200b")(folder)
+    data = read_measurements(folder / "poses.csv", 7)
+    assert data.unknown_columns == ("force\\u200b",)
+    with pytest.raises(BadInput, match=r"p2, p3\\u200b, p4"):
+        data.without(["p3"])
 
 
 def test_a_pattern_of_columns_that_count_from_0_is_answered_with_their_list(folder):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kincal_shared.errors import BadInput
+from kincal_shared.letters import shown
 from kincal_shared.schema.datamap import RECORDED, DataMap
 
 from ...numerics.types import Array, Groups, Mask
@@ -66,7 +67,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         skipped=tuple(problems),
         duplicates=0,  # counted when all files are joined
         rounded=0,
-        unknown_columns=tuple(name for name in table.columns if name not in columns.used),
+        unknown_columns=tuple(shown(name) for name in table.columns if name not in columns.used),
         notes=(*table.notes, *targets.notes),
         whole=None,
         orientation=_form(mapping) if "rotation" in values else "",
@@ -156,7 +157,7 @@ def _stated_groups(group: Array) -> Groups:
 def _check_texts(columns: Columns) -> None:
     split = np.array(columns.texts.get("split", ["fit"] * columns.n), dtype=str)
     wrong = ~np.isin(split, ("fit", "held"))
-    columns.refuse(wrong, (f"split is {x or 'empty'}, fit or held is needed" for x in split[wrong]))
+    columns.refuse(wrong, (f"split is {shown(x) or 'empty'}, fit or held is needed" for x in split[wrong]))
 
 
 def _ids(columns: Columns, good: Mask) -> tuple[str, ...]:
