@@ -523,7 +523,7 @@ def test_a_folder_with_the_name_of_a_shipped_arm_is_no_arm_table(folder, monkeyp
     (folder / "ur5").mkdir()
     (folder / "M.toml").write_text('version = 1\narm = "ur5"\n')
     done = compare("--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml")
-    assert "fitted with" in done.stderr and "(ur5)" in done.stderr
+    assert "made with" in done.stderr and "(ur5)" in done.stderr
     scaled(["q2"], -1.0)(folder)  # so that the shipped arms are looked at
     done = compare("--arm", "arm.toml", "--data", "poses.csv")
     assert "joint 2 counts the other way" in done.stderr
@@ -545,6 +545,21 @@ def test_an_effect_at_a_joint_that_the_arm_lacks_is_refused(folder, names):
     assert "effects" not in model.read_text()
     far = CliRunner().invoke(main, ["model", "add", "--model", str(folder / "N.toml"), "backlash[17]"])
     assert far.exit_code == EXIT_INPUT and "up to 16 joints" in far.stderr
+
+
+def test_a_joint_that_few_arms_have_is_refused_until_the_arm_is_named(folder):
+    model = folder / "M.toml"
+    add = ["model", "add", "--model", str(model)]
+    done = CliRunner().invoke(main, [*add, "backlash[2]", "joint_compliance[9]"])
+    assert done.exit_code == EXIT_INPUT and not model.exists()
+    assert "joint_compliance[9]: the model does not say yet which arm it is for" in done.stderr
+    assert "name the arm table by --arm" in done.stderr
+    arm("$", JOINT * 5)(folder)  # 12 joints
+    done = CliRunner().invoke(main, [*add, "--arm", str(folder / "arm.toml"), "joint_compliance[9]"])
+    assert done.exit_code == 0, done.stderr
+    assert CliRunner().invoke(main, [*add, "backlash[12]"]).exit_code == 0  # the model knows its arm now
+    done = CliRunner().invoke(main, [*add, "backlash[13]"])
+    assert done.exit_code == EXIT_INPUT and "has 12 joints, there is no joint 13" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ class ModelEntry(Strict):
     libraries: list[Name] = []
     """Files with effects of one's own."""
     arm: str = ""
-    """Arm table that the model was fitted with."""
+    """Arm table that the model was fitted with, or begun with (`add --arm`)."""
     history: list[ChangeEntry] = []
     """Every change, oldest first."""
     unnamed: list[UnnamedEntry] = []

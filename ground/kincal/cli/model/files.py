@@ -46,7 +46,7 @@ def effects_command(effect_files: tuple[Path, ...], as_json: bool) -> None:
     "arm_path",
     type=click.Path(path_type=Path),
     default=None,
-    help="Arm table, for an unnamed effect and to check joints.  [default: that of the last fit]",
+    help="Arm table, for an unnamed effect and to check joints; a new model keeps it.  [default: its own]",
 )
 @data_options(required=False, about="Measurements that the terms of an unnamed effect are chosen from.")
 @click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
@@ -159,7 +159,7 @@ def history_command(model_path: Path) -> None:
     "arm_path",
     type=click.Path(path_type=Path),
     default=None,
-    help="Arm table; absent: the one the model was fitted with.",
+    help="Arm table.  [default: as the model says]",
 )
 @data_options(
     required=False,
