@@ -106,7 +106,7 @@ def remove_command(model_path: Path, names: tuple[str, ...]) -> None:
 @click.command("undo")
 @MODEL_NEEDED
 def undo_command(model_path: Path) -> None:
-    """Take back the last add or remove.
+    """Take back the last add or remove, with the fitted values that it discarded.
 
     \b
     Example:
@@ -116,7 +116,7 @@ def undo_command(model_path: Path) -> None:
     from kincal.workbench.model.modelfile import ModelFile, change_model
 
     after = change_model(model_path, ModelFile.undo)
-    click.echo(f"{model_path}: {text.names(after)}")
+    click.echo(f"{model_path}: {text.names(after)}" + (", fitted as before" if after.fit else ""))
 
 
 @click.command("list")
