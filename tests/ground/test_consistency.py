@@ -185,6 +185,48 @@ def test_quaternion_order_and_inverse_of_a_real_set_are_found():
     assert codes(arm, replace(data, p_m=inverse.p_m, quat_wxyz=inverse.quat_wxyz)) == {"inverse_pose"}
 
 
+def longer(arm, *lengths, by=1e3):
+    """The arm table with lengths (joint from 1, key) in millimetres."""
+    joints = list(arm.joints)
+    for j, key in lengths:
+        joints[j - 1] = replace(joints[j - 1], **{key: by * getattr(joints[j - 1], key)})
+    return replace(arm, joints=tuple(joints))
+
+
+@pytest.mark.parametrize(
+    ("name", "lengths", "said"),
+    [
+        ("ur5", [(2, "a_m")], "joint[2].a_m = -0.425"),
+        ("ur5", [(5, "d_m")], "joint[5].d_m = 0.09465"),
+        ("ur10", [(2, "a_m"), (3, "a_m")], "joint[2].a_m = -0.612, joint[3].a_m = -0.5723"),
+        ("wam", [(3, "a_m")], "joint[3].a_m = 0.045"),
+    ],
+)
+@pytest.mark.parametrize("thorough", [False, True])
+def test_links_in_millimetres_are_the_first_suspects(name, lengths, said, thorough):
+    """Other arms that ship, and positions in another unit, were named before them, or alone."""
+    arm, data = real(name)
+    (found,) = check(longer(arm, *lengths), data, thorough=thorough).findings
+    assert (found.code, found.fix) == ("millimetres", f"write metres: {said}")
+    assert found.gain > 100.0
+    unsigned = replace(data, q=data.q * [1, 1, -1, *[1] * (arm.n - 3)])
+    assert {f.fix.partition(":")[0] for f in check(longer(arm, *lengths), unsigned).findings} == {
+        "write metres", "change the sign of these readings, or turn the axes in the arm table (joint 3)"
+    }  # fmt: skip
+
+
+def test_a_large_arm_in_metres_is_not_in_millimetres():
+    arm, data = real("ur5")
+    lengths = [(j, key) for j in range(1, 7) for key in ("a_m", "d_m")]
+    large = longer(arm, *lengths, by=6.0)
+    far = replace(data, p_m=6.0 * data.p_m)
+    assert codes(large, far) == set()
+    assert codes(large, replace(far, q=far.q * [1, 1, -1, 1, 1, 1])) == {"sign"}
+    assert codes(large, replace(far, p_m=1e-3 * far.p_m), thorough=True) == {"millimetres"}
+    (found,) = check(longer(arm, *lengths), replace(data, p_m=1e3 * data.p_m)).findings  # both
+    assert "the links of the arm table add up to" in found.why
+
+
 def test_the_other_convention_is_its_own_inverse():
     for name in ("wam", "fr3"):
         arm = read_arm(name)

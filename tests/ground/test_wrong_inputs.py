@@ -230,6 +230,12 @@ WRONG = {
     "links in millimetres": (
         arm(r"d_m = ([1-9.0]+)", lambda m: f"d_m = {1e3 * float(m[1])}", 0), ["arm table", "millimetres"],
     ),
+    "one link in millimetres": (arm(r"d_m = 0\.55", "d_m = 550.0"),
+                                ["millimetres for d_m of joint 3 (550), in metres for the others",
+                                 "write metres: joint[3].d_m = 0.55"]),
+    "a short link in millimetres": (arm(r"a_m = 0\.045", "a_m = 45.0"), ["joint[3].a_m = 0.045"]),
+    "all a in millimetres": (arm(r"(\ba_m = -?)0\.045", r"\g<1>45.0", 0),
+                             ["joint[3].a_m = 0.045, joint[4].a_m = -0.045"]),
     "unknown key": (arm(r"phi_rad = 0\.0", "phi_rad = 0.0\nthete_rad = 0.0"), ["thete_rad", "unknown key"]),
     "synonym": (arm("phi_rad", "theta_rad"), ["theta_rad", "phi_rad"]),
     "no convention": (arm("convention.*", ""), ["convention", "missing"]),

@@ -20,7 +20,7 @@ from .reading import Reading
 from .recorded import IN_METRES, TRUE_NOISE_M, of_data, stated_m
 from .search import FOUND, GOOD_MISFIT, Search, changed, without
 from .sentences import READINGS, misread, signs
-from .units import mixed_units
+from .units import links_in_metres, mixed_units
 
 _MOST_MISFIT = 0.05  # of the motion, left by a fit of all DH errors: the poses are not of this arm
 _LARGE = {"rad": 0.1, "m": 0.05}  # a DH correction that is large for the arm that the table describes
@@ -77,13 +77,18 @@ def check(arm: ArmTable, data: Measurements, *, thorough: bool = True) -> Check:
 
 @lru_cache(maxsize=4)
 def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
-    found, left = list(of_data(arm, data)), None
+    found, left, table = list(of_data(arm, data)), None, arm
+    arm, links = links_in_metres(table, data)  # what is said of the rest is of an arm of possible size
     mixed = mixed_units(arm, data)
-    found += mixed
+    found += [*links, *mixed]
     if data.n >= LEAST_POSES:
-        search = Search(arm, data, thorough)
+        search = Search(table, data, thorough)
         left = search.misfit(search.given)
-        if not mixed and (thorough or left > GOOD_MISFIT):  # no reading of the whole file puts it right
+        if arm is not table:
+            search = Search(arm, data, thorough)
+        wrong = search.misfit(search.given) > GOOD_MISFIT
+        impossible = links and arm is table
+        if not mixed and not impossible and (thorough or wrong):  # no reading of the whole file mends these
             found += _of_fit(search)
         if all(finding.code != "millimetres" for finding in found):
             found += _noise_in_millimetres(arm, data)

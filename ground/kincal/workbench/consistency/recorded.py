@@ -21,7 +21,6 @@ _ONE_POSE = 3  # poses up to which repeated rows are too little data rather than
 _LEAST_REPEATS = 3  # that tell how alike replicates are
 _BEST_DEVICE_M = 1e-6
 _MOST_LIMIT = 4.0 * math.pi + 0.1  # [rad], beyond any turning joint's
-_MOST_REACH_M = 20.0
 _MOST_NOISE = 0.2  # of the spread of the poses, beyond which stated noise is in another unit
 TRUE_NOISE_M = 0.003  # up to which noise may be as large as stated: a few poses close together
 IN_METRES = "write sp_m in metres, c11..c66 in m^2 and rad^2"
@@ -34,7 +33,6 @@ def of_data(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
     yield from _too_alike(data)
     yield from _frozen(data)
     yield from _limits_in_degrees(arm)
-    yield from _arm_in_millimetres(arm)
     yield from _noise_in_millimetres(data)
     yield from _outside_limits(arm, data)
     yield from _still(data)
@@ -103,16 +101,6 @@ def _limits_in_degrees(arm: ArmTable) -> Iterator[Finding]:
                 f"write radians: {most:g} degrees are {math.radians(most):.6g}",
             )
             return
-
-
-def _arm_in_millimetres(arm: ArmTable) -> Iterator[Finding]:
-    reach_m = sum(abs(joint.a_m) + abs(joint.d_m) for joint in arm.joints)
-    if reach_m > _MOST_REACH_M:
-        yield Finding(
-            "millimetres",
-            f"the links of the arm table add up to {reach_m:.4g} m, which looks like millimetres",
-            "write a_m and d_m in metres",
-        )
 
 
 def _noise_in_millimetres(data: Measurements) -> Iterator[Finding]:
