@@ -14,6 +14,16 @@ def unseen(text: str) -> str:
     return next((f"U+{ord(char):04X}" for char in text if _is_unseen(char)), "")
 
 
+def shown(text: str) -> str:
+    """The text with the code of every character that is not shown in its place: q1\\u200b."""
+    return "".join(char.encode("unicode_escape").decode() if _is_unseen(char) else char for char in text)
+
+
+def without_unseen(text: str) -> str:
+    """The text as people read it."""
+    return "".join(char for char in text if not _is_unseen(char))
+
+
 def _is_unseen(char: str) -> bool:
     code = ord(char)
     if 0xDC80 <= code <= 0xDCFF:

@@ -16,9 +16,10 @@ _FULL = "free space there, or name a place on another disk"
 WHAT_TO_DO = {
     errno.ENOSPC: _FULL,
     errno.EDQUOT: _FULL,
+    errno.ELOOP: "this symbolic link leads to itself: remove it, or name another file",
     errno.EFBIG: "raise the limit of the size of files (`ulimit -f`), or name a place on another disk",
 }
-"""What to do about the errors that say there is no room."""
+"""What to do about errors where another place is not the first thought."""
 
 
 def keep_inputs(files: Iterable[Path], inputs: Iterable[Path]) -> None:
@@ -71,7 +72,8 @@ def _begin(path: Path, data: bytes, begun: dict[Path, Path], made: list[Path]) -
     if is_stream(path):
         path.write_bytes(data)
         return
-    place = Path(os.path.realpath(path))  # a link stays one, unless it leads to itself
+    refuse_loop(path)
+    place = Path(os.path.realpath(path))  # a link stays one
     missing = [folder for folder in place.parents if not folder.exists()]
     for folder in reversed(missing):
         folder.mkdir(exist_ok=True)
@@ -85,6 +87,12 @@ def _begin(path: Path, data: bytes, begun: dict[Path, Path], made: list[Path]) -
         file.write(data)
         file.flush()
         os.fsync(file.fileno())  # a full disk is sometimes noticed only here
+
+
+def refuse_loop(path: Path) -> None:
+    """BadInput for a symbolic link that leads back to itself: nothing is behind it, and it would be lost."""
+    if os.path.islink(os.path.realpath(path)):
+        raise cannot_write(path, OSError(errno.ELOOP, os.strerror(errno.ELOOP)))
 
 
 def is_stream(path: Path) -> bool:

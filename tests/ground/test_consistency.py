@@ -91,6 +91,26 @@ def test_a_few_poses_of_one_place_are_few_and_not_in_millimetres(tmp_path):
     assert "millimetres" in {f.code for f in check(arm, two).findings}
 
 
+@pytest.mark.parametrize("position_only", [False, True])
+def test_noise_that_a_fit_falls_far_below_is_in_millimetres(tmp_path, position_only):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    path = poses.poses_csv(tmp_path / "poses.csv", 60, 3, noise_size=0.05, position_only=position_only)
+    data = wb.read_csv(path, 7)
+
+    def stated(sigma_m):
+        return replace(data, cov=np.tile(np.diag([sigma_m**2] * 3 + [1e-8] * 3), (60, 1, 1)))
+
+    for right in (5e-5, 2.9e-3):
+        assert check(arm, stated(right)).ok
+    for wrong in (0.05, 0.02, 0.005):
+        (found,) = check(arm, stated(wrong)).findings
+        assert found.code == "millimetres"
+        assert f"the stated noise is {wrong:g} m, but a fit of the DH errors leaves 0.0" in found.text
+    few = stated(0.01).take(np.arange(14))  # a fit leaves little of few poses, whatever the noise
+    noisy = replace(few, p_m=few.p_m + np.random.default_rng(1).normal(0.0, 0.01, few.p_m.shape))
+    assert "millimetres" not in codes(arm, noisy)
+
+
 def test_a_table_of_flight_is_no_arm_table():
     with pytest.raises(wb.BadInput, match="this is a table of flight.*no arm table") as refused:
         read_arm(ROOT / "tables" / "src" / "arm.toml")
@@ -163,6 +183,48 @@ def test_quaternion_order_and_inverse_of_a_real_set_are_found():
     assert codes(arm, replace(data, quat_wxyz=np.roll(data.quat_wxyz, -1, axis=1))) == {"quaternion_order"}
     inverse = Pose.of_wxyz(data.p_m, data.quat_wxyz).inverse
     assert codes(arm, replace(data, p_m=inverse.p_m, quat_wxyz=inverse.quat_wxyz)) == {"inverse_pose"}
+
+
+def longer(arm, *lengths, by=1e3):
+    """The arm table with lengths (joint from 1, key) in millimetres."""
+    joints = list(arm.joints)
+    for j, key in lengths:
+        joints[j - 1] = replace(joints[j - 1], **{key: by * getattr(joints[j - 1], key)})
+    return replace(arm, joints=tuple(joints))
+
+
+@pytest.mark.parametrize(
+    ("name", "lengths", "said"),
+    [
+        ("ur5", [(2, "a_m")], "joint[2].a_m = -0.425"),
+        ("ur5", [(5, "d_m")], "joint[5].d_m = 0.09465"),
+        ("ur10", [(2, "a_m"), (3, "a_m")], "joint[2].a_m = -0.612, joint[3].a_m = -0.5723"),
+        ("wam", [(3, "a_m")], "joint[3].a_m = 0.045"),
+    ],
+)
+@pytest.mark.parametrize("thorough", [False, True])
+def test_links_in_millimetres_are_the_first_suspects(name, lengths, said, thorough):
+    """Other arms that ship, and positions in another unit, were named before them, or alone."""
+    arm, data = real(name)
+    (found,) = check(longer(arm, *lengths), data, thorough=thorough).findings
+    assert (found.code, found.fix) == ("millimetres", f"write metres: {said}")
+    assert found.gain > 100.0
+    unsigned = replace(data, q=data.q * [1, 1, -1, *[1] * (arm.n - 3)])
+    assert {f.fix.partition(":")[0] for f in check(longer(arm, *lengths), unsigned).findings} == {
+        "write metres", "change the sign of these readings, or turn the axes in the arm table (joint 3)"
+    }  # fmt: skip
+
+
+def test_a_large_arm_in_metres_is_not_in_millimetres():
+    arm, data = real("ur5")
+    lengths = [(j, key) for j in range(1, 7) for key in ("a_m", "d_m")]
+    large = longer(arm, *lengths, by=6.0)
+    far = replace(data, p_m=6.0 * data.p_m)
+    assert codes(large, far) == set()
+    assert codes(large, replace(far, q=far.q * [1, 1, -1, 1, 1, 1])) == {"sign"}
+    assert codes(large, replace(far, p_m=1e-3 * far.p_m), thorough=True) == {"millimetres"}
+    (found,) = check(longer(arm, *lengths), replace(data, p_m=1e3 * data.p_m)).findings  # both
+    assert "the links of the arm table add up to" in found.why
 
 
 def test_the_other_convention_is_its_own_inverse():

@@ -198,6 +198,25 @@ def test_a_file_replaced_keeps_its_rights_and_a_link_stays_one(tmp_path):
     assert (kept.read_text(), kept.stat().st_mode & 0o777) == ("new", 0o640)
 
 
+@pytest.mark.parametrize("links", [("M.toml",), ("M.toml", "other")])
+def test_a_link_that_leads_to_itself_is_refused_and_stays(tmp_path, links):
+    for name, target in zip(links, (*links[1:], links[0]), strict=True):
+        (tmp_path / name).symlink_to(target)
+    done = kincal("add", "--model", tmp_path / "M.toml", "base_flex")
+    assert done.exit_code == EXIT_INPUT
+    assert f"symbolic links\n  where: {tmp_path / 'M.toml'}" in done.stderr
+    assert "this symbolic link leads to itself" in done.stderr
+    with pytest.raises(BadInput, match="symbolic links"):
+        write_file(tmp_path / "M.toml", "new")
+    assert all((tmp_path / name).is_symlink() for name in links)
+
+
+def test_a_link_to_a_file_that_is_not_there_yet_stays_one(tmp_path):
+    (tmp_path / "M.toml").symlink_to("new.toml")
+    assert kincal("add", "--model", tmp_path / "M.toml", "base_flex").exit_code == 0
+    assert (tmp_path / "M.toml").is_symlink() and (tmp_path / "new.toml").is_file()
+
+
 def test_standard_output_can_be_named_as_a_file(fitted):
     command = [sys.executable, "-m", "kincal", *map(str, WRITTEN["next"][0](fitted))]
     command[command.index(str(fitted / "n.csv"))] = "/dev/stdout"

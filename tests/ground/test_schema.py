@@ -36,6 +36,19 @@ SIGHT = {
     "high": [0.5, 0.3],
     "focal": [900.0, 900.0],
 }
+FIT = {
+    "when": "2026-01-01T00:00:00+00:00",
+    "tool_version": "0.1.0",
+    "arm_sha256": "0" * 64,
+    "data": [{"path": "d.csv", "sha256": "0" * 64}],
+    "poses": 20,
+    "components": 3,
+    "noise_scale": 1.0,
+    "base": FRAME,
+    "tool": FRAME,
+    "sight": SIGHT,
+}
+VALUES = [{"name": "a.k", "value": 1.0, "std_err": 0.1}]
 # What the shipped files leave out, and the kinds without a shipped file.
 ALSO = {
     "arm": {"target": {"points_m": [[0.0, 0.0, 0.0]]}},
@@ -49,19 +62,9 @@ ALSO = {
     },
     "model": {
         "history": [{"when": "2026-01-01T00:00:00+00:00", "action": "add", "effects": ["a"], "before": []}],
-        "value": [{"name": "a.k", "value": 1.0, "std_err": 0.1}],
-        "fit": {
-            "when": "2026-01-01T00:00:00+00:00",
-            "tool_version": "0.1.0",
-            "arm_sha256": "0" * 64,
-            "data": [{"path": "d.csv", "sha256": "0" * 64}],
-            "poses": 20,
-            "components": 3,
-            "noise_scale": 1.0,
-            "base": FRAME,
-            "tool": FRAME,
-            "sight": SIGHT,
-        },
+        "value": VALUES,
+        "fit": FIT,
+        "former": {"effects": ["a"], "value": VALUES, "fit": FIT},
         "unnamed": [
             {
                 "name": "unnamed[joint 1: q2]",

@@ -18,6 +18,7 @@ from kincal.rotations import Pose
 from kincal.workbench.consistency.recorded import _duplicates, _too_alike
 from kincal.workbench.data.copies import without_copies
 from kincal.workbench.data.measurements import Measurements, replicate_groups
+from kincal.workbench.data.readers import read_measurements
 from kincal.workbench.data.readers.joining import joined
 from kincal.workbench.data.split import choose_split
 from kincal.workbench.evidence.adequacy import noise_floor
@@ -25,6 +26,9 @@ from kincal.workbench.fit.frames import solve_frames
 from kincal.workbench.model.flight_model import nominal_chain
 from kincal.workbench.model.grids import grid_values, grid_weight
 from kincal.workbench.model.modelfile import change_model, held, replace_model
+from kincal_shared.schema.effects import ParameterEntry
+from kincal_shared.schema.model import DataEntry, FitEntry, FrameEntry, UnnamedEntry
+from kincal_shared.schema.terms import TermEntry
 
 HEADER = "q1,q2,px,py,pz"
 
@@ -225,6 +229,61 @@ def test_model_file_keeps_history_and_undo_walks_back(tmp_path):
     with pytest.raises(wb.BadInput, match="nothing to undo"):
         once.undo().undo().undo()
     assert [c.action for c in once.undo().history] == ["add", "add", "remove", "undo", "undo"]
+
+
+def fitted(model, arm="arm.toml"):
+    """The model with values, as a fit leaves them."""
+    names = [f"{name}.c" for name in model.effects] or ["J1.a_m"]
+    frame = FrameEntry(xyz_m=(0.0, 0.0, 0.1), quat_wxyz=(1.0, 0.0, 0.0, 0.0))
+    entry = FitEntry(
+        when="2026-11-28T00:00:00+00:00", tool_version="0.1.0", arm_sha256="ab",
+        data=[DataEntry(path="poses.csv", sha256="cd")], poses=30, components=3, held=["1", "2"], held_mm=0.1,
+        noise_scale=1.0, base=frame, tool=frame, position_change_mm=dict.fromkeys(model.effects, 0.5),
+        covariance=[[0.0] * k + [1e-8] for k in range(len(names))],
+    )  # fmt: skip
+    return replace(
+        model, arm=arm, values={name: (1e-3 * k, 1e-4) for k, name in enumerate(names, 1)},
+        units=dict.fromkeys(names, "rad"), constants={name: {"t0": 1.5} for name in model.effects}, fit=entry,
+    )  # fmt: skip
+
+
+def values_of(model):
+    return model.arm, model.values, model.units, model.constants, model.fit
+
+
+@pytest.mark.parametrize("change", ["remove", "add"])
+def test_undo_brings_the_fitted_values_back(tmp_path, change):
+    path = tmp_path / "M.toml"
+    before = fitted(wb.ModelFile().add(["bias_step[2]", "backlash[4]"]))
+    wb.write_model(path, before)
+    change_model(path, lambda m: m.remove(["backlash[4]"]) if change == "remove" else m.add(["base_flex"]))
+    changed = wb.read_model(path)
+    assert changed.fit is None and changed.values == {}
+    wb.write_model(path, changed)
+    assert wb.read_model(path) == changed
+    after = change_model(path, wb.ModelFile.undo)
+    assert values_of(after) == values_of(before)
+    assert wb.read_model(path) == after and after.former is None
+
+
+def test_undo_brings_back_values_of_the_same_effects_only():
+    two = fitted(wb.ModelFile().add(["bias_step[2]"]).add(["backlash[4]"]))
+    one = fitted(two.remove(["backlash[4]"]), arm="other.toml")
+    assert values_of(one.undo()) == values_of(two)
+    assert values_of(one.undo().undo()) == values_of(one)  # a fit of these effects too, the last one
+    assert one.undo().undo().undo().fit is None
+    none = one.remove(["bias_step[2]"])
+    assert values_of(none.undo()) == values_of(one)
+    assert none.undo().undo().fit is None
+
+
+def test_values_of_other_terms_do_not_come_back():
+    terms = [UnnamedEntry(name="unnamed[joint 1: q1]", parameter=[
+        ParameterEntry(name="k1", sigma=s, unit="rad", term=[TermEntry(at="joint[1]", basis="q1")])])
+        for s in (1e-3, 2e-3)]  # fmt: skip
+    model = fitted(wb.ModelFile().add([terms[0].name]).with_terms(terms[0])).remove([terms[0].name])
+    assert model.with_terms(terms[0]).undo().fit is not None
+    assert model.with_terms(terms[1]).undo().fit is None
 
 
 def test_model_file_refuses_doubles_and_strangers(tmp_path):
@@ -429,6 +488,30 @@ def test_replicates_that_the_file_states_are_no_copies(tmp_path, numbers):
     assert list(of_data_codes(data)) == []
     unstated = csv_file(tmp_path, "\n".join([HEADER, *(line.rsplit(",", 1)[0] for line in lines)]) + "\n")
     assert wb.read_csv(unstated, 2).duplicates == 40
+
+
+@pytest.mark.parametrize("form", ["csv", "npz"])
+def test_a_pose_without_a_replicate_number_was_not_repeated(tmp_path, form):
+    x = np.random.default_rng(3).uniform(-1.0, 1.0, (6, 5))
+    x[1, :2] = x[0, :2]
+    x[5, :2] = x[4, :2]  # near each other, and yet not repeated, as the file says
+    groups = ["7", "7", "", "", "", ""]
+    if form == "csv":
+        lines = [",".join(map(repr, map(float, row))) + f",{k}" for row, k in zip(x, groups, strict=True)]
+        path = csv_file(tmp_path, "\n".join([HEADER + ",replicate", *lines]) + "\n")
+        data = wb.read_csv(path, 2)
+    else:
+        path = tmp_path / "poses.npz"
+        np.savez(path, q=x[:, :2], p=x[:, 2:], replicate=[float(k or "nan") for k in groups])
+        data = read_measurements(path, 2)
+    assert data.n == 6 and data.replicate_stated and not data.skipped
+    assert data.repeats[0] == data.repeats[1] and len(set(data.repeats)) == 5
+    assert len(set(joined([data, replace(data, q=data.q + 1.0)]).repeats)) == 10
+
+
+def test_a_file_in_which_no_pose_has_a_replicate_number_repeats_none(tmp_path):
+    path = csv_file(tmp_path, HEADER + ",replicate\n.1,.2,.3,.4,.5,\n.2,.2,.3,.4,.5,\n")
+    assert wb.read_csv(path, 2).repeats is None
 
 
 def of_data_codes(data):

@@ -310,6 +310,20 @@ def test_an_effect_that_does_not_help_is_said_in_so_many_words(arm, tmp_path):
     assert any("backlash[2] does not help" in explain.no_gain(n) for n in result.nested.no_gain)
 
 
+def test_small_coefficients_are_printed_with_two_digits_of_their_standard_error(arm, tmp_path):
+    result = wb.fit(arm, measure(tmp_path, 60, 14), ["backlash[2]"])
+    k = result.names.index("backlash[2].h")
+    for value, err, shown in (
+        (6.01234e-5, 4.1e-7, ["0.00006012", "0.00000041"]),
+        (0.0030221, 2.04e-5, ["0.003022", "0.000020"]),
+        (0.5, 0.1, ["0.500000", "0.100000"]),
+        (1.0, 0.0, ["1.000000", "0.000000"]),
+    ):
+        result.estimate[k], result.std_err[k] = value, err
+        (line,) = (line for line in fit_text(result).splitlines() if line.startswith("backlash[2].h "))
+        assert line.split() == ["backlash[2].h", *shown, "rad"]
+
+
 def test_an_effect_that_makes_a_block_much_worse_is_not_recommended(arm, tmp_path):
     """A drift of joint 2 that ends when somebody homes the arm: fitted before that, it is wrong after it."""
     data = measure(tmp_path, 100, 31)

@@ -230,6 +230,12 @@ WRONG = {
     "links in millimetres": (
         arm(r"d_m = ([1-9.0]+)", lambda m: f"d_m = {1e3 * float(m[1])}", 0), ["arm table", "millimetres"],
     ),
+    "one link in millimetres": (arm(r"d_m = 0\.55", "d_m = 550.0"),
+                                ["millimetres for d_m of joint 3 (550), in metres for the others",
+                                 "write metres: joint[3].d_m = 0.55"]),
+    "a short link in millimetres": (arm(r"a_m = 0\.045", "a_m = 45.0"), ["joint[3].a_m = 0.045"]),
+    "all a in millimetres": (arm(r"(\ba_m = -?)0\.045", r"\g<1>45.0", 0),
+                             ["joint[3].a_m = 0.045, joint[4].a_m = -0.045"]),
     "unknown key": (arm(r"phi_rad = 0\.0", "phi_rad = 0.0\nthete_rad = 0.0"), ["thete_rad", "unknown key"]),
     "synonym": (arm("phi_rad", "theta_rad"), ["theta_rad", "phi_rad"]),
     "no convention": (arm("convention.*", ""), ["convention", "missing"]),
@@ -273,6 +279,19 @@ WRONG = {
     "no file": (gone("poses.csv"), ["poses.csv", "no such file"]),
     "bytes": (content(bytes(range(128, 256)) * 9), ["poses.csv", "does not look like text"]),
     "UTF-16": (content("q1,q2\n1,2\n".encode("utf-16")), ["poses.csv", "UTF-16", "UTF-8", "iconv -f utf-16"]),
+    "UTF-16 without a mark": (content("q1,q2\n1,2\n".encode("utf-16-le")),
+                              ["poses.csv", "UTF-16LE", "UTF-8", "iconv -f utf-16le"]),
+    "UTF-16 of the other order": (content("q1,\u00b0\n1,2\n".encode("utf-16-be")), ["iconv -f utf-16be"]),
+    "an arm table in UTF-16": (content("a = 'a'\n".encode("utf-16-le"), "arm.toml"), ["iconv -f utf-16le"]),
+    "a name with what is not shown": (renamed({"q2": "q2\u200b"}),
+                                      ["line 1", "column 3, q2\\u200b, holds U+200B", "write q2 without it"]),
+    "a mark in the name of the ids": (renamed({"id": "i\ufeffd"}), ["column 1, i\\ufeffd, holds U+FEFF"]),
+    "a time with what is not shown": (added(**{"t_s\u00ad": "1"}), ["t_s\\xad, holds U+00AD"]),
+    "a number with what is not shown": (cell(3, "q2", "0.5\u200b"),
+                                        ["line 5", "q2 is 0.5\\u200b", "holds U+200B", "take it out"]),
+    "a minus sign of print": (cell(3, "q2", "\u22120.5"),
+                              ["line 5", "q2 is \u22120.5", "sign is U+2212", "- of the keyboard"]),
+    "a split with what is not shown": (added(split="fit\u200b"), ["line 2", "split is fit\\u200b"]),
     "Windows-1252": (content("q1,T in °C\n1,2\n".encode("cp1252")),
                      ["poses.csv", "line 1", "q1,T in °C", "iconv -f cp1252 -t utf-8 poses.csv"]),
     "a position of 1e300 m": (cell(3, "py", "1e300"), ["line 5", "py is 1e+300 m", "up to 1e+07"]),
@@ -300,9 +319,16 @@ WRONG = {
     "text in a number": (cell(3, "q2", "approx 3"), ["line 5", "q2", "approx 3"]),
     "decimal commas and points": (semicolons_with_both, ["decimal commas", "decimal points"]),
     "missing column": (without("q4"), ["q4", "missing"]),
+    "joints from q0 on": (renamed({f"q{j}": f"q{j - 1}" for j in range(1, 8)}),
+                          ["q7 missing", "count from 1: q1..q7", "--column q=q0,q1,q2,q3,q4,q5,q6"]),
+    "a joint q0 too many": (added(q0="0.1"), ["has column q0, but", "has 7 joints", "--column q=q1,"]),
+    "directions from dir0 on": (added(**{f"dir{j}": "1" for j in range(7)}),
+                                ["lacks dir7", "count from 1: dir1..dir7"]),
     "part of the quaternion": (without("qz"), ["lacks qz"]),
     "negative sigma": (added(sp_m="-0.001", sr_rad="0.001"), ["sp_m is -0.001"]),
     "noise in millimetres": (added(sp_m="0.6", sr_rad="0.001"), ["stated noise", "millimetres"]),
+    "noise of 0.05 mm in millimetres": (added(sp_m="0.05", sr_rad="0.001"),
+                                        ["noise is 0.05 m", "leaves", "millimetres", "sp_m in metres"]),
     "unknown split": (added(split="train"), ["split is train"]),
     "direction of 2": (added(**{f"dir{j}": "2" for j in range(1, 8)}), ["dir1", "-1, 0 or +1"]),
     "degrees": (scaled(Q, 180.0 / np.pi), ["degrees", "--units deg"]),
@@ -427,6 +453,31 @@ def test_the_other_order_of_quaternions_is_named_whatever_was_said(folder, read)
     assert right.exit_code == 0, right.stderr
 
 
+def test_a_file_with_two_byte_order_marks_keeps_its_ids(folder):
+    path = folder / "poses.csv"
+    path.write_bytes(b"\xef\xbb\xbf" * 2 + path.read_bytes())
+    assert read_measurements(path, 7).ids[0] == "p0"
+
+
+def test_columns_and_ids_with_what_is_not_shown_are_named_so_that_it_is(folder):
+    added(**{"force\u200b": "1"})(folder)
+    cell(3, "id", "p3\u200b")(folder)
+    data = read_measurements(folder / "poses.csv", 7)
+    assert data.unknown_columns == ("force\\u200b",)
+    with pytest.raises(BadInput, match=r"p2, p3\\u200b, p4"):
+        data.without(["p3"])
+
+
+def test_a_pattern_of_columns_that_count_from_0_is_answered_with_their_list(folder):
+    renamed({f"q{j}": f"Joint {j - 1}" for j in range(1, 8)})(folder)
+    args = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--column")
+    done = compare(*args, "q=Joint {}")
+    assert done.exit_code == EXIT_INPUT
+    listed = "q=" + ",".join(f"Joint {j}" for j in range(7))
+    assert f"{{}} counts from 1: write --column '{listed}'" in done.stderr
+    assert compare(*args, listed).exit_code == 0
+
+
 def with_euler(folder, axes, scale=1.0):
     """Orientations as Euler angles in columns A, B, C."""
 
@@ -478,7 +529,7 @@ def test_a_folder_with_the_name_of_a_shipped_arm_is_no_arm_table(folder, monkeyp
     (folder / "ur5").mkdir()
     (folder / "M.toml").write_text('version = 1\narm = "ur5"\n')
     done = compare("--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml")
-    assert "fitted with" in done.stderr and "(ur5)" in done.stderr
+    assert "made with" in done.stderr and "(ur5)" in done.stderr
     scaled(["q2"], -1.0)(folder)  # so that the shipped arms are looked at
     done = compare("--arm", "arm.toml", "--data", "poses.csv")
     assert "joint 2 counts the other way" in done.stderr
@@ -500,6 +551,21 @@ def test_an_effect_at_a_joint_that_the_arm_lacks_is_refused(folder, names):
     assert "effects" not in model.read_text()
     far = CliRunner().invoke(main, ["model", "add", "--model", str(folder / "N.toml"), "backlash[17]"])
     assert far.exit_code == EXIT_INPUT and "up to 16 joints" in far.stderr
+
+
+def test_a_joint_that_few_arms_have_is_refused_until_the_arm_is_named(folder):
+    model = folder / "M.toml"
+    add = ["model", "add", "--model", str(model)]
+    done = CliRunner().invoke(main, [*add, "backlash[2]", "joint_compliance[9]"])
+    assert done.exit_code == EXIT_INPUT and not model.exists()
+    assert "joint_compliance[9]: the model does not say yet which arm it is for" in done.stderr
+    assert "name the arm table by --arm" in done.stderr
+    arm("$", JOINT * 5)(folder)  # 12 joints
+    done = CliRunner().invoke(main, [*add, "--arm", str(folder / "arm.toml"), "joint_compliance[9]"])
+    assert done.exit_code == 0, done.stderr
+    assert CliRunner().invoke(main, [*add, "backlash[12]"]).exit_code == 0  # the model knows its arm now
+    done = CliRunner().invoke(main, [*add, "backlash[13]"])
+    assert done.exit_code == EXIT_INPUT and "has 12 joints, there is no joint 13" in done.stderr
 
 
 @pytest.mark.parametrize(

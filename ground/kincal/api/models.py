@@ -23,6 +23,7 @@ from kincal_shared.errors import BadInput
 from kincal_shared.schema.arm import MAX_JOINTS, ArmTable, read_arm
 from kincal_shared.schema.names import UNNAMED, is_unnamed, split_constants
 
+_USUAL_JOINTS = 8  # most arms have no more, and flight carries no more
 _JOINT = re.compile(r" *0*[1-9][0-9]{0,2} *")
 
 Read = Callable[[ArmTable], Measurements]
@@ -46,8 +47,13 @@ def load_model(
     return model, Library.load(*files).with_unnamed(model.unnamed.values())
 
 
+def place_of(arm_path: Path) -> str:
+    """What a model file keeps of the arm table that was named: where it is, or the name of a shipped one."""
+    return str(arm_path.resolve()) if arm_path.is_file() else str(arm_path)
+
+
 def arm_of(chosen: ModelFile, model_path: Path, arm_path: Path | None) -> Path:
-    """The arm table that was named, else the one that the model was fitted with."""
+    """The arm table that was named, else the one that the model was begun or fitted with."""
     if arm_path is None and not chosen.arm:
         raise BadInput(
             "the model file does not say which arm it is for",
@@ -90,7 +96,8 @@ def add_effects(
     for addition in found.additions:
         after = after.with_terms(addition.effect.entry())
     new = [str(f.resolve()) for f in effect_files if str(f.resolve()) not in before.libraries]
-    return Added(replace(after, libraries=(*before.libraries, *new)), found)
+    of_arm = before.arm or (place_of(arm_path) if arm_path else "")
+    return Added(replace(after, libraries=(*before.libraries, *new), arm=of_arm), found)
 
 
 def change_by_adding(
@@ -135,12 +142,26 @@ def _found_in_data(
 
 
 def check_names(library: Library, names: Sequence[str], arm: ArmTable | None) -> None:
-    """Every name is an effect of the library, with its constants, at joints that the arm has, if it is
-    known; unnamed effects are not looked for. BadInput otherwise."""
-    _check_named(library, [name for name in names if name != UNNAMED and not is_unnamed(name)])
+    """Every name is an effect of the library, with its constants, at joints that the arm has, or that arms
+    usually have if it is not known; unnamed effects are not looked for. BadInput otherwise."""
+    named = [name for name in names if name != UNNAMED and not is_unnamed(name)]
+    _check_named(library, named)
     if arm is not None:
         for name in names:
             library.check_joints(split_constants(name)[0], arm)
+        return
+    for name in named:
+        if joint := next((x for x in _joints(name) if x > _USUAL_JOINTS), 0):
+            raise BadInput(
+                f"{name}: the model does not say yet which arm it is for, and few arms have a joint {joint}",
+                todo="name the arm table by --arm",
+            )
+
+
+def _joints(text: str) -> list[int]:
+    """Joints that a name is at; none if it is at all of them, or at none."""
+    inside = split_constants(text)[0].partition("[")[2].rstrip("]")
+    return [int(x) for x in inside.split(",") if x]
 
 
 def _check_named(library: Library, names: Sequence[str]) -> None:
@@ -158,7 +179,7 @@ def _check_named(library: Library, names: Sequence[str]) -> None:
             raise BadInput(
                 f"{name!r} does not name joints", todo=f"write {base}[2] for one joint, or {base} for all"
             )
-        if any(int(x) > MAX_JOINTS for x in inside.split(",") if joint):
+        if any(x > MAX_JOINTS for x in _joints(name)):
             raise BadInput(f"{name!r}: an arm has up to {MAX_JOINTS} joints", todo="they count from 1")
         if joint and library.effects[base].per == "arm":
             raise BadInput(f"{base} concerns the whole arm, no joint of it", todo=f"leave [{inside}] out")

@@ -12,7 +12,7 @@ import click
 from kincal.cli.terminal import say
 from kincal_shared.errors import BadInput
 from kincal_shared.letters import unseen
-from kincal_shared.writing import is_stream
+from kincal_shared.writing import is_stream, refuse_loop
 
 _WRITABLE = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK  # a pipe that nobody reads is no place to write
 
@@ -28,6 +28,7 @@ class OutputFile(click.ParamType[Path]):
     def convert(self, value: Any, _param: click.Parameter | None, _ctx: click.Context | None) -> Path:
         """The path. BadInput says why nothing can be written there."""
         path = _seen(value)
+        refuse_loop(path)
         if self.suffixes and path.suffix.lower() not in self.suffixes:
             kinds = " or ".join(self.suffixes)
             raise BadInput(f"{path.name} cannot be written as {path.suffix or 'a file without suffix'}",

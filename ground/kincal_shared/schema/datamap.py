@@ -68,7 +68,7 @@ class ColumnsEntry(Strict):
     split: Name | None = None
     """fit or held."""
     replicate: Name | None = None
-    """Number of the group of repeated poses."""
+    """Number of the group of repeated poses; empty: not repeated."""
 
 
 # Quantities of several columns, and of text; all others are one number a pose.

@@ -34,6 +34,7 @@ from .base import (
 from .suggestions import instead
 
 _SHOWN_LINE = 200  # bytes of a line that an error shows
+_FEW_ZEROS = 0.1  # of the bytes that hold the letters of a text in UTF-16
 _LEAST_LETTERS = 0.6  # of the bytes of a line: fewer plain ones are no text of Windows
 
 
@@ -73,27 +74,41 @@ class Contradiction(ValueError):
 
 
 def utf8_text(path: Path) -> str:
-    """The text of a file. BadInput, with the line, if it is in another encoding than UTF-8; OSError if it
-    cannot be read."""
+    """The text of a file, without byte order marks before it (some programs add one to one that is there).
+    BadInput, with the line, if it is in another encoding than UTF-8; OSError if it cannot be read."""
     data = file_bytes(path)
+    if wide := _utf16(data):
+        raise BadInput(f"the file is in {wide.upper()}, UTF-8 is needed", str(path), _convert(path, wide))
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("utf-8").lstrip("\ufeff")
     except UnicodeDecodeError as error:
         raise _other_encoding(data, error.start, path) from None
 
 
 def _other_encoding(data: bytes, at: int, path: Path) -> BadInput:
     """What to say of a file that is no UTF-8 text at a byte: text of Windows, or no text at all."""
-    convert = f"save it as UTF-8, or `iconv -f {{}} -t utf-8 {path.name} > NEW` and name the new file"
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return BadInput("the file is in UTF-16, UTF-8 is needed", str(path), convert.format("utf-16"))
     begin, number = data.rfind(b"\n", 0, at) + 1, data.count(b"\n", 0, at) + 1
     what = f"line {number} holds the byte 0x{data[at]:02x}: no UTF-8 text"
     line = data[begin:].partition(b"\n")[0][:_SHOWN_LINE]
     if sum(32 <= byte < 127 for byte in line) < _LEAST_LETTERS * len(line):
         return BadInput(f"{what}, and it does not look like text", str(path), "name a text file")
     what += f"; in Windows-1252 the line reads: {line.decode('cp1252', 'replace').strip()}"
-    return BadInput(what, str(path), convert.format("cp1252"))
+    return BadInput(what, str(path), _convert(path, "cp1252"))
+
+
+def _utf16(data: bytes) -> str:
+    """What iconv calls the encoding of a text in UTF-16, with or without a mark; empty for another."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    start = data[:_SHOWN_LINE]
+    zeros = [start[k::2].count(0) / max(len(start) // 2, 1) for k in (0, 1)]  # at even and odd places
+    if min(zeros) > _FEW_ZEROS or max(zeros) < _LEAST_LETTERS:
+        return ""
+    return "utf-16le" if zeros[1] > zeros[0] else "utf-16be"
+
+
+def _convert(path: Path, encoding: str) -> str:
+    return f"save it as UTF-8, or `iconv -f {encoding} -t utf-8 {path.name} > NEW` and name the new file"
 
 
 def _not_toml(text: str, why: str) -> tuple[str, str]:

@@ -120,6 +120,22 @@ class FitEntry(Strict):
     """Covariance of the coefficients, lower triangle row by row, in their units and order."""
 
 
+class FormerEntry(Strict):
+    """A fit that a change of the effects discarded: `undo` back to these effects brings it back. Written by
+    the tool."""
+
+    effects: list[Name]
+    """Effects that were fitted, as `effects` of the model had them."""
+    arm: str = ""
+    """Arm table."""
+    value: list[ValueEntry] = []
+    """Coefficients."""
+    constants: dict[str, dict[str, Real]] = {}
+    """Constants, by effect and name."""
+    fit: FitEntry
+    """What it was made from."""
+
+
 class UnnamedEntry(Strict):
     """Terms of an effect that the library has no name for, written by `kincal model add "unnamed[...]"`."""
 
@@ -142,7 +158,7 @@ class ModelEntry(Strict):
     libraries: list[Name] = []
     """Files with effects of one's own."""
     arm: str = ""
-    """Arm table that the model was fitted with."""
+    """Arm table that the model was fitted with, or begun with (`add --arm`)."""
     history: list[ChangeEntry] = []
     """Every change, oldest first."""
     unnamed: list[UnnamedEntry] = []
@@ -153,6 +169,8 @@ class ModelEntry(Strict):
     """Constants of the last fit, by effect and name."""
     fit: FitEntry | None = None
     """The last fit; null before the first, and after a change of the effects."""
+    former: FormerEntry | None = None
+    """The last fit of other effects that a change discarded."""
 
     @property
     def names(self) -> list[str]:

@@ -46,7 +46,7 @@ def effects_command(effect_files: tuple[Path, ...], as_json: bool) -> None:
     "arm_path",
     type=click.Path(path_type=Path),
     default=None,
-    help="Arm table, for an unnamed effect and to check joints.  [default: that of the last fit]",
+    help="Arm table, for an unnamed effect and to check joints; a new model keeps it.  [default: its own]",
 )
 @data_options(required=False, about="Measurements that the terms of an unnamed effect are chosen from.")
 @click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
@@ -106,7 +106,7 @@ def remove_command(model_path: Path, names: tuple[str, ...]) -> None:
 @click.command("undo")
 @MODEL_NEEDED
 def undo_command(model_path: Path) -> None:
-    """Take back the last add or remove.
+    """Take back the last add or remove, with the fitted values that it discarded.
 
     \b
     Example:
@@ -116,7 +116,7 @@ def undo_command(model_path: Path) -> None:
     from kincal.workbench.model.modelfile import ModelFile, change_model
 
     after = change_model(model_path, ModelFile.undo)
-    click.echo(f"{model_path}: {text.names(after)}")
+    click.echo(f"{model_path}: {text.names(after)}" + (", fitted as before" if after.fit else ""))
 
 
 @click.command("list")
@@ -159,7 +159,7 @@ def history_command(model_path: Path) -> None:
     "arm_path",
     type=click.Path(path_type=Path),
     default=None,
-    help="Arm table; absent: the one the model was fitted with.",
+    help="Arm table.  [default: as the model says]",
 )
 @data_options(
     required=False,

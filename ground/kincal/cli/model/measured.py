@@ -165,7 +165,7 @@ def fit_command(
         kincal model fit --arm arm.toml --data poses.csv
     """
     from kincal.api.case import Case
-    from kincal.api.models import load_model
+    from kincal.api.models import load_model, place_of
     from kincal.cli.text import model as text
     from kincal.workbench.comparison.fitrecord import fitted
     from kincal.workbench.model.modelfile import replace_model
@@ -179,8 +179,7 @@ def fit_command(
             result = Case.of_model(arm, data, chosen, library).fit(tick, begin)
         said = json.dumps(fit_json(result), indent=1) if as_json else fit_text(result)
     if model_path is not None:
-        where = str(arm_path.resolve()) if arm_path.is_file() else str(arm_path)
-        new = not model_path.exists()
+        where, new = place_of(arm_path), not model_path.exists()
         replace_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
         if new:
             click.echo(f"{model_path}: a new model, {text.names(chosen)}", err=True)

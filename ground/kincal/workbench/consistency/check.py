@@ -17,10 +17,10 @@ from ..numerics.types import Array, Mask
 from .findings import Finding
 from .misfit import LEAST_POSES, misfit_of, rms_of_most
 from .reading import Reading
-from .recorded import of_data
+from .recorded import IN_METRES, TRUE_NOISE_M, of_data, stated_m
 from .search import FOUND, GOOD_MISFIT, Search, changed, without
 from .sentences import READINGS, misread, signs
-from .units import mixed_units
+from .units import links_in_metres, mixed_units
 
 _MOST_MISFIT = 0.05  # of the motion, left by a fit of all DH errors: the poses are not of this arm
 _LARGE = {"rad": 0.1, "m": 0.05}  # a DH correction that is large for the arm that the table describes
@@ -30,6 +30,8 @@ _POSES = 150  # enough for a DH fit
 _GROSS = 10.0  # median errors, beyond which (and beyond a good misfit) a pose is off
 _MANY_OFF, _MOST_OFF = 0.05, 0.45  # share of the poses: more are no chance; the bulk does not follow the arm
 _NAMED = 12  # of them in a sentence
+_MEDIAN_LENGTH = 1.54  # of three normal numbers of variance 1
+_FAR_ABOVE = 20.0  # times what a fit leaves: no fit leaves so little of the noise
 
 
 @dataclass(frozen=True)
@@ -75,14 +77,21 @@ def check(arm: ArmTable, data: Measurements, *, thorough: bool = True) -> Check:
 
 @lru_cache(maxsize=4)
 def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
-    found, left = list(of_data(arm, data)), None
+    found, left, table = list(of_data(arm, data)), None, arm
+    arm, links = links_in_metres(table, data)  # what is said of the rest is of an arm of possible size
     mixed = mixed_units(arm, data)
-    found += mixed
+    found += [*links, *mixed]
     if data.n >= LEAST_POSES:
-        search = Search(arm, data, thorough)
+        search = Search(table, data, thorough)
         left = search.misfit(search.given)
-        if not mixed and (thorough or left > GOOD_MISFIT):  # no reading of the whole file puts it right
+        if arm is not table:
+            search = Search(arm, data, thorough)
+        wrong = search.misfit(search.given) > GOOD_MISFIT
+        impossible = links and arm is table
+        if not mixed and not impossible and (thorough or wrong):  # no reading of the whole file mends these
             found += _of_fit(search)
+        if all(finding.code != "millimetres" for finding in found):
+            found += _noise_in_millimetres(arm, data)
     else:
         found.append(_too_few(data))
     if mixed or any(finding.why.startswith(READINGS) for finding in found):
@@ -140,7 +149,7 @@ def _or_signs(found: Finding, search: Search, mirrored: Reading) -> Finding:
 def _wrong_arm(search: Search) -> Iterator[Finding]:
     """What a fit of all DH errors says of an arm table that no simple change makes right, and of poses that
     are far off although the others are explained."""
-    fit = _calibrated(search)
+    fit = _calibrated(search.arm, search.data)
     left = misfit_of(fit, search.data) if fit is not None else np.ones(search.data.n)
     off = (left > GOOD_MISFIT) & (left > _GROSS * np.median(left))
     explained = fit is not None and rms_of_most(left[~off]) < _MOST_MISFIT
@@ -171,13 +180,29 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
         )
 
 
-def _calibrated(search: Search) -> Fit | None:
+def _noise_in_millimetres(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
+    """Stated noise of positions that is far above what a fit leaves, whatever it is beside the motion."""
+    if data.cov is None or (stated := stated_m(data.cov)) <= TRUE_NOISE_M:
+        return
+    fit = _calibrated(arm, replace(data, cov=None, whole=None))
+    if fit is None or fit.data.n * data.components < 2 * len(fit.names):  # a fit leaves nothing of few poses
+        return
+    left = float(np.median(np.linalg.norm(fit.evaluation.r[:, :3], axis=1))) / _MEDIAN_LENGTH
+    if stated > _FAR_ABOVE * left:
+        yield Finding(
+            "millimetres",
+            f"the stated noise is {stated:.3g} m, but a fit of the DH errors leaves {left * 1e3:.2g} mm: it "
+            "looks like millimetres",
+            IN_METRES,
+        )
+
+
+def _calibrated(arm: ArmTable, data: Measurements) -> Fit | None:
     """A fit of all DH errors; None where there is none."""
-    data = search.data
     rows = np.linspace(0, data.n - 1, min(data.n, _POSES)).astype(int)
     try:
         with np.errstate(all="ignore"):
-            fit = fit_model(search.arm, data.take(rows))
+            fit = fit_model(arm, data.take(rows))
     except (CannotAnswer, ValueError, np.linalg.LinAlgError):
         return None
     return fit if np.isfinite(fit.estimate).all() else None

@@ -14,8 +14,8 @@ _OF_JOINT = re.compile(rf"J(\d+)\.({'|'.join(DH_FIELDS)})")
 
 
 def refuse_model_of_other_arm(model: ModelFile, arm: ArmTable, path: str) -> None:
-    """BadInput if the model was fitted with an arm table of another arm: other nominal joints, or another
-    number of them. path: of the model file, for the error."""
+    """BadInput if the model was begun or fitted with an arm table of another arm: other nominal joints, or
+    another number of them. path: of the model file, for the error."""
     fitted = _joints_fitted(model)
     if fitted and fitted != arm.n:
         _refuse(f"an arm with {fitted} joints", arm, path)
@@ -31,16 +31,16 @@ def _joints_fitted(model: ModelFile) -> int:
 
 
 def _table(model: ModelFile) -> ArmTable | None:
-    """The arm table that the model was fitted with, if it is still there."""
+    """The arm table that the model was begun or fitted with, if it is still there."""
     try:
         return read_arm(model.arm) if model.arm else None
     except BadInput:
         return None
 
 
-def _refuse(fitted: str, arm: ArmTable, path: str) -> None:
+def _refuse(other: str, arm: ArmTable, path: str) -> None:
     raise BadInput(
-        f"this model was fitted with {fitted}, the arm table is of {arm.name} with {arm.n} joints",
+        f"this model was made with {other}, the arm table is of {arm.name} with {arm.n} joints",
         path,
         "name the model of this arm; `kincal model add --model NEW.toml EFFECT` begins a new one",
     )

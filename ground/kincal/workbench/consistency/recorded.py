@@ -11,6 +11,7 @@ from kincal_shared.schema.arm import ArmTable
 
 from ..data.copies import few_digits
 from ..data.measurements import Measurements
+from ..numerics.types import Array
 from .findings import Finding
 
 STILL = 0.02  # [rad or m], a joint that moves less stands still
@@ -20,9 +21,9 @@ _ONE_POSE = 3  # poses up to which repeated rows are too little data rather than
 _LEAST_REPEATS = 3  # that tell how alike replicates are
 _BEST_DEVICE_M = 1e-6
 _MOST_LIMIT = 4.0 * math.pi + 0.1  # [rad], beyond any turning joint's
-_MOST_REACH_M = 20.0
 _MOST_NOISE = 0.2  # of the spread of the poses, beyond which stated noise is in another unit
-_TRUE_NOISE_M = 0.003  # up to which noise may be as large as stated: a few poses close together
+TRUE_NOISE_M = 0.003  # up to which noise may be as large as stated: a few poses close together
+IN_METRES = "write sp_m in metres, c11..c66 in m^2 and rad^2"
 _CONSTANTS = ("dir", "temp_c", "payload_kg", "range_m", "incid_rad")
 
 
@@ -32,7 +33,6 @@ def of_data(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
     yield from _too_alike(data)
     yield from _frozen(data)
     yield from _limits_in_degrees(arm)
-    yield from _arm_in_millimetres(arm)
     yield from _noise_in_millimetres(data)
     yield from _outside_limits(arm, data)
     yield from _still(data)
@@ -103,28 +103,23 @@ def _limits_in_degrees(arm: ArmTable) -> Iterator[Finding]:
             return
 
 
-def _arm_in_millimetres(arm: ArmTable) -> Iterator[Finding]:
-    reach_m = sum(abs(joint.a_m) + abs(joint.d_m) for joint in arm.joints)
-    if reach_m > _MOST_REACH_M:
-        yield Finding(
-            "millimetres",
-            f"the links of the arm table add up to {reach_m:.4g} m, which looks like millimetres",
-            "write a_m and d_m in metres",
-        )
-
-
 def _noise_in_millimetres(data: Measurements) -> Iterator[Finding]:
     if data.cov is None:
         return
-    sigma_m = float(np.sqrt(np.median(np.einsum("nii->n", data.cov[:, :3, :3]) / 3.0)))
+    sigma_m = stated_m(data.cov)
     spread_m = float(np.linalg.norm(data.p_m.std(axis=0)))
-    if sigma_m > _MOST_NOISE * spread_m > 0.0 and sigma_m > _TRUE_NOISE_M:
+    if sigma_m > _MOST_NOISE * spread_m > 0.0 and sigma_m > TRUE_NOISE_M:
         yield Finding(
             "millimetres",
             f"the stated noise is {sigma_m:.3g} m while the poses spread over {spread_m:.3g} m: "
             "it looks like millimetres",
-            "write sp_m in metres",
+            IN_METRES,
         )
+
+
+def stated_m(cov: Array) -> float:
+    """Typical 1-sigma noise of a coordinate of the position, from covariances (N, 6, 6) [m]."""
+    return float(np.sqrt(np.median(np.einsum("nii->n", cov[:, :3, :3]) / 3.0)))
 
 
 def _outside_limits(arm: ArmTable, data: Measurements) -> Iterator[Finding]:

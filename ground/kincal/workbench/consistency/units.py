@@ -1,9 +1,9 @@
-"""Rows or columns of a file that are in another unit than its others."""
+"""Rows or columns of a file, or links of an arm table, that are in another unit than the others."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +27,14 @@ _MOST_JOINTS = 0.5  # of the joints of a row outside their limits: the row is in
 _MOST_ROWS = 0.3  # of the rows outside the limits of a joint: the column may be
 _BETTER = 5.0  # times that the arm has to explain the poses better with a column in degrees
 _NAMED = 12  # poses in a sentence
+_MOST_REACH_M = 20.0  # that links of an arm add up to
+_LONG_M = 1.0  # a link from which on it may be in millimetres
+_EXPLAINED = 0.05  # of the motion, up to which an arm explains poses
+_AS_GOOD = 1.1  # times the least misfit
+_ENOUGH = 60  # poses to tell units
+
+
+Link = tuple[int, str]  # place of the joint from 0, a_m or d_m
 
 
 def mixed_units(arm: ArmTable, data: Measurements) -> tuple[Finding, ...]:
@@ -106,6 +114,87 @@ def _rows(data: Measurements, found: Mask, unit: str, ours: str, what: str, opti
     )
 
 
+def links_in_metres(arm: ArmTable, data: Measurements) -> tuple[ArmTable, tuple[Finding, ...]]:
+    """The arm table with the lengths of links that look like millimetres in metres, and which ones they are.
+    As it is where the poses speak against that."""
+    links = {
+        (j, key): abs(getattr(joint, key)) for j, joint in enumerate(arm.joints) for key in ("a_m", "d_m")
+    }
+    ordered = sorted((link for link, size in links.items() if size > 0.0), key=lambda link: -links[link])
+    far = sum(links.values()) > _MOST_REACH_M
+    if not ordered or links[ordered[0]] < _LONG_M:
+        return arm, ()
+    found = _shortened(arm, data, ordered, links, far) if data.n >= LEAST_POSES else None
+    if found is None:
+        return arm, (_impossible(arm, ordered, links),) if far else ()
+    some, gain = found
+    if len(some) == len(ordered):
+        return _in_metres(arm, some), (_impossible(arm, ordered, links, gain),)
+    names = ", ".join(f"{key} of joint {_number(arm, j, key)} ({links[j, key]:g})" for j, key in some)
+    values = ", ".join(
+        f"joint[{_number(arm, j, key)}].{key} = {getattr(arm.joints[j], key) * _MILLIMETRE:.6g}"
+        for j, key in some
+    )
+    why = f"the arm table seems to be in millimetres for {names}, in metres for the others{_better(gain)}"
+    return _in_metres(arm, some), (Finding("millimetres", why, f"write metres: {values}", gain),)
+
+
+def _shortened(
+    arm: ArmTable, data: Measurements, ordered: Sequence[Link], links: Mapping[Link, float], far: bool
+) -> tuple[Sequence[Link], float] | None:
+    """The longest links, as many as explain the poses best if they are in millimetres, and how many times
+    better; None if metres do. far: metres are impossible for some of them."""
+    data = data.take(np.linspace(0, data.n - 1, min(data.n, _ENOUGH)).astype(int))
+    least = max(sum(size > _MOST_REACH_M for size in links.values()), 1)
+    long = sum(size >= _LONG_M for size in links.values())
+    tried = [k for k in range(least, long + 1) if far or k < len(ordered)]
+    left = [misfit(_in_metres(arm, ordered[:k]), data) for k in tried]
+    if not np.isfinite(best := min(left, default=np.inf)):
+        return None
+    chosen = max(k for k, one in zip(tried, left, strict=True) if one <= _AS_GOOD * best)
+    if far and _BETTER * (all_of_them := misfit(_in_metres(arm, ordered), data)) <= best:
+        best, chosen = all_of_them, len(ordered)
+    given = misfit(arm, data)
+    better = best <= _AS_GOOD * given if far else best <= _EXPLAINED and _BETTER * best <= given
+    return (ordered[:chosen], given / best) if better else None
+
+
+def _in_metres(arm: ArmTable, some: Sequence[Link]) -> ArmTable:
+    """The arm table with these lengths in millimetres."""
+    joints = list(arm.joints)
+    for j, key in some:
+        length_m = {key: getattr(joints[j], key) * _MILLIMETRE}
+        joints[j] = replace(joints[j], **length_m)
+    return replace(arm, joints=tuple(joints))
+
+
+def _impossible(
+    arm: ArmTable, ordered: Sequence[Link], links: Mapping[Link, float], gain: float = 1.0
+) -> Finding:
+    """The finding for links that add up to more than any arm has."""
+    j, key = ordered[0]
+    return Finding(
+        "millimetres",
+        f"the links of the arm table add up to {sum(links.values()):.4g} m (the largest: {key} of joint "
+        f"{_number(arm, j, key)}, {links[j, key]:g}), which looks like millimetres{_better(gain)}",
+        "write a_m and d_m in metres",
+        gain,
+    )
+
+
+def _number(arm: ArmTable, j: int, key: str) -> int:
+    """Number of the joint that a length stands with in the file: a stands with the joint after it in modified
+    DH."""
+    return j + 1 + (key == "a_m" and arm.first_link is not None)
+
+
+def _better(gain: float) -> str:
+    """How much better the arm explains the poses with a change, as the end of a sentence."""
+    if gain < _BETTER:
+        return ""
+    return f": the arm then explains the poses {f'{gain:.0f} times' if math.isfinite(gain) else 'far'} better"
+
+
 def _column_in_millimetres(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
     reach = reach_m(arm)
     low, high = np.quantile(data.p_m, [0.1, 0.9], axis=0)
@@ -129,13 +218,12 @@ def _columns_in_degrees(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
     before, after = misfit(arm, data), misfit(arm, read)
     if not after * _BETTER <= before:
         return
-    size = f"{before / after:.0f} times" if math.isfinite(before) else "far"
     joints = ", ".join(str(j + 1) for j in np.flatnonzero(found))
     columns = ", ".join(f"q{j + 1}" for j in np.flatnonzero(found))
     yield Finding(
         "degrees",
-        f"the readings of joint {joints} seem to be in degrees, the others in radians: the arm then explains "
-        f"the poses {size} better",
+        f"the readings of joint {joints} seem to be in degrees, the others in radians"
+        f"{_better(before / after)}",
         f"multiply {columns} by pi/180: --units is for all columns",
         before / after,
     )

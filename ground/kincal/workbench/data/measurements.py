@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from kincal_shared.errors import BadInput
+from kincal_shared.letters import shown
 
 from ..numerics.types import Array, Groups, Indices, Mask
 
@@ -110,9 +111,9 @@ class Measurements:
         wanted = set(ids)
         if unknown := sorted(wanted.difference(self.ids)):
             raise BadInput(
-                f"no pose has the id {', '.join(unknown[:_NAMED])}",
+                f"no pose has the id {shown(', '.join(unknown[:_NAMED]))}",
                 self.source,
-                f"ids of these data: {', '.join(self.ids[:_NAMED])} ...",
+                f"ids of these data: {shown(', '.join(self.ids[:_NAMED]))} ...",
             )
         return self.take(np.array([name not in wanted for name in self.ids], dtype=bool))
 

@@ -6,10 +6,12 @@ import contextlib
 import fcntl
 import json
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,15 +22,19 @@ from kincal_shared.schema.model import (
     VERSION,
     DataEntry,
     FitEntry,
+    FormerEntry,
     FrameEntry,
     ModelEntry,
     SightEntry,
     UnnamedEntry,
+    ValueEntry,
 )
 from kincal_shared.schema.names import effect_of, split_constants, with_constants
 from kincal_shared.writing import is_stream, write_file
 
 from ..numerics.types import Array
+
+_HEADER = re.compile(r"^(\[\[?)")  # of a table
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,7 @@ class ModelFile:
     fixed: constants that fits keep, by effect; those of other effects are chosen by the data.
     values, units, constants, fit: of the last fit, by coefficient and by effect; `uplink` uses the
     constants, exports use all.
+    former: the last fit of other effects that a change discarded; `undo` brings it back.
     unnamed: terms of the unnamed effects, by name; those of the history too, so that `undo` finds them.
     content: of the file that it was read from; empty if there was none.
     """
@@ -62,12 +69,16 @@ class ModelFile:
     units: dict[str, str] = field(default_factory=dict)
     constants: dict[str, dict[str, float]] = field(default_factory=dict)
     fit: FitEntry | None = None
+    former: FormerEntry | None = None
     unnamed: dict[str, UnnamedEntry] = field(default_factory=dict)
     content: bytes = field(default=b"", compare=False, repr=False)
 
     def with_terms(self, entry: UnnamedEntry) -> ModelFile:
-        """The model that knows the terms of an unnamed effect, or knows them anew."""
-        return replace(self, unnamed={**self.unnamed, entry.name: entry})
+        """The model that knows the terms of an unnamed effect, or knows them anew: a former fit may be of
+        other terms then, and is forgotten."""
+        other = entry.name in self.unnamed and self.unnamed[entry.name] != entry
+        former = None if other else self.former
+        return replace(self, unnamed={**self.unnamed, entry.name: entry}, former=former)
 
     @classmethod
     def of(cls, texts: Iterable[str]) -> ModelFile:
@@ -110,7 +121,8 @@ class ModelFile:
         return self._changed("remove", tuple(names), tuple(kept))
 
     def undo(self) -> ModelFile:
-        """Take back the last change that was not itself taken back; the undo is history too."""
+        """Take back the last change that was not itself taken back, with the fit that it discarded if that is
+        the former one; the undo is history too."""
         depth = 0
         for change in reversed(self.history):
             if change.action == "undo":
@@ -118,7 +130,7 @@ class ModelFile:
             elif depth:
                 depth -= 1
             else:
-                return self._changed("undo", change.effects, change.before)
+                return self._changed("undo", change.effects, change.before)._refitted(self.former)
         raise BadInput("nothing to undo: every change was taken back")
 
     def _changed(self, action: str, texts: tuple[str, ...], after: tuple[str, ...]) -> ModelFile:
@@ -126,8 +138,43 @@ class ModelFile:
         history = (*self.history, Change(when, action, texts, self.texts))
         effects, fixed = _effects_of(after)
         return replace(
-            self, effects=effects, fixed=fixed, history=history, values={}, units={}, constants={}, fit=None
+            self, effects=effects, fixed=fixed, history=history, values={}, units={}, constants={}, fit=None,
+            former=self._fit_to_keep() or self.former,
+        )  # fmt: skip
+
+    def _refitted(self, former: FormerEntry | None) -> ModelFile:
+        """The model with a former fit, if that is of its effects."""
+        if former is None or tuple(former.effects) != self.texts:
+            return self
+        model = _with_fit(self, former)
+        return replace(model, former=None) if self.former is former else model
+
+    def _fit_to_keep(self) -> FormerEntry | None:
+        """The last fit, with the effects that it is of."""
+        if self.fit is None:
+            return None
+        values = [
+            ValueEntry(name=name, value=value, std_err=std_err, unit=self.units.get(name, ""))
+            for name, (value, std_err) in self.values.items()
+        ]
+        return FormerEntry(
+            effects=list(self.texts), arm=self.arm, value=values, constants=self.constants, fit=self.fit
         )
+
+
+def _with_fit(model: ModelFile, former: FormerEntry) -> ModelFile:
+    """The model with the fit that it had."""
+    return replace(
+        model, arm=former.arm, fit=former.fit, constants=former.constants, **_coefficients(former.value)
+    )
+
+
+def _coefficients(values: Iterable[ValueEntry]) -> dict[str, Any]:
+    """The fields of a model that hold the coefficients of a file."""
+    return {
+        "values": {v.name: (v.value, v.std_err) for v in values},
+        "units": {v.name: v.unit for v in values},
+    }
 
 
 def _split(text: str) -> tuple[str, dict[str, float]]:
@@ -160,12 +207,12 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         dh=entry.dh,
         history=tuple(Change(h.when, h.action, tuple(h.effects), tuple(h.before)) for h in entry.history),
         arm=entry.arm,
-        values={v.name: (v.value, v.std_err) for v in entry.value},
-        units={v.name: v.unit for v in entry.value},
         constants=entry.constants,
         fit=entry.fit,
+        former=entry.former,
         unnamed={u.name: u for u in entry.unnamed},
         content=content,
+        **_coefficients(entry.value),
     )
 
 
@@ -218,7 +265,10 @@ def held(path: str | Path) -> Iterator[None]:
 
 def write_model(path: str | Path, model: ModelFile) -> None:
     """Write whole or not at all. BadInput if it cannot be written."""
-    lines = [*_in_use(model), *_unnamed(model), *_history(model), *_of_last_fit(model), *_fit(model.fit)]
+    lines = [
+        *_in_use(model), *_unnamed(model), *_history(model), *_of_last_fit(model), *_fit(model.fit),
+        *_former(model.former),
+    ]  # fmt: skip
     write_file(Path(path), "\n".join(lines) + "\n")
 
 
@@ -302,6 +352,17 @@ def _fit(fit: FitEntry | None) -> list[str]:
         *(["", "[fit.position_change_mm]"] if fit.position_change_mm else []),
         *(f"{json.dumps(name)} = {value!r}" for name, value in fit.position_change_mm.items()),
     ]
+
+
+def _former(former: FormerEntry | None) -> list[str]:
+    """The table [former]: the same tables as of the last fit, inside it."""
+    if former is None:
+        return []
+    model = _with_fit(ModelFile(), former)
+    tables = [*_of_last_fit(model), *_fit(model.fit)]
+    arm = [f"arm = {json.dumps(former.arm)}"] if former.arm else []
+    return ["", "[former]", f"effects = {_texts(former.effects)}", *arm,
+            *(_HEADER.sub(r"\1former.", line) for line in tables)]  # fmt: skip
 
 
 def _frame(name: str, frame: FrameEntry) -> list[str]:

@@ -375,9 +375,15 @@ def fit_text(f: FitResult) -> str:
             *explain.of_session(f.fit),
             "",
             f"{'coefficient':<34}{'value':>12}{'std err':>12}  unit",
-            *(f"{name:<34}{value:12.6f}{err:12.6f}  {unit}" for name, value, err, unit in coefficients),
+            *(_coefficient(*row) for row in coefficients),
         ]
     )
+
+
+def _coefficient(name: str, value: float, err: float, unit: str) -> str:
+    """A line of the table: as many decimals as two digits of the standard error take, at least six."""
+    decimals = max(6, 1 - math.floor(math.log10(err))) if err > 0.0 else 6
+    return f"{name:<33} {value:12.{decimals}f} {err:11.{decimals}f}  {unit}"
 
 
 def _errors(m: NestedModel, without_outliers: bool) -> str:

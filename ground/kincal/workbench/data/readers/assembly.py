@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from kincal_shared.errors import BadInput
+from kincal_shared.letters import shown
 from kincal_shared.schema.datamap import RECORDED, DataMap
 
-from ...numerics.types import Array, Mask
+from ...numerics.types import Array, Groups, Mask
 from ..measurements import Measurements, replicate_groups
 from .columns import Columns, quaternions, unit
 from .ranges import RANGES, unusable_variance
@@ -61,12 +62,12 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         cam_p_m=None if cam is None else cam[:, :3],
         cam_quat_wxyz=None if cam is None else cam[:, 3:],
         split=np.array(columns.texts["split"])[good] if "split" in columns.texts else None,
-        replicate=replicate.astype(int) if replicate is not None else replicate_groups(q, payload),
+        replicate=_stated_groups(replicate) if replicate is not None else replicate_groups(q, payload),
         replicate_stated=replicate is not None,
         skipped=tuple(problems),
         duplicates=0,  # counted when all files are joined
         rounded=0,
-        unknown_columns=tuple(name for name in table.columns if name not in columns.used),
+        unknown_columns=tuple(shown(name) for name in table.columns if name not in columns.used),
         notes=(*table.notes, *targets.notes),
         whole=None,
         orientation=_form(mapping) if "rotation" in values else "",
@@ -146,10 +147,17 @@ def _check_groups(columns: Columns, group: Array) -> None:
     ))  # fmt: skip
 
 
+def _stated_groups(group: Array) -> Groups:
+    """(n,) numbers of the groups; a pose without one (nan) was not repeated, and is a group of its own."""
+    alone = np.isnan(group)
+    free = int(np.max(group, initial=0.0, where=~alone)) + 1
+    return np.where(alone, free + np.cumsum(alone), group).astype(int)
+
+
 def _check_texts(columns: Columns) -> None:
     split = np.array(columns.texts.get("split", ["fit"] * columns.n), dtype=str)
     wrong = ~np.isin(split, ("fit", "held"))
-    columns.refuse(wrong, (f"split is {x or 'empty'}, fit or held is needed" for x in split[wrong]))
+    columns.refuse(wrong, (f"split is {shown(x) or 'empty'}, fit or held is needed" for x in split[wrong]))
 
 
 def _ids(columns: Columns, good: Mask) -> tuple[str, ...]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from kincal_shared.errors import BadInput
+from kincal_shared.letters import shown, unseen, without_unseen
 from kincal_shared.schema.datamap import COUNT, SCALARS, TEXTS, DataMap, Names, RotationEntry
 from kincal_shared.schema.numbers import plain_number
 from kincal_shared.schema.suggestions import nearest_name
@@ -21,6 +24,16 @@ UNIT_TOL = 1e-3  # of the norm of a quaternion as people round it
 _DEGREE = math.pi / 180.0
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_QUATERNION = ("qw", "qx", "qy", "qz")
+# Our names of the columns of quantities of several, where they are not NAME1, NAME2 ...
+_NAMES = {
+    "p": ("px", "py", "pz"),
+    "g": ("gx", "gy", "gz"),
+    "cam": ("cx", "cy", "cz", "cqw", "cqx", "cqy", "cqz"),
+    "cov": tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7)),
+}
+_DASHES = "\u2010\u2011\u2012\u2013\u2014\u2015\u2212\ufe63\uff0d"  # that stand for a minus sign
+_MAY_BE_EMPTY = ("replicate",)  # an empty cell says something
 # What the unit of a quantity is of, by the end of its name; the others have one unit only.
 _KIND = {"m": "length", "rad": "angle", "s": "time"}
 
@@ -29,8 +42,8 @@ _KIND = {"m": "length", "rad": "angle", "s": "time"}
 class Columns:
     """Quantities of a table, with the rows that cannot be used.
 
-    values: quantity -> (N, k) in SI units; texts: quantity -> N; used: names of columns that were read;
-    bad: row -> reason, the first one found.
+    values: quantity -> (N, k) in SI units, nan in a cell that may be empty; texts: quantity -> N; used: names
+    of columns that were read; bad: row -> reason, the first one found.
     """
 
     table: Table
@@ -61,6 +74,7 @@ class Columns:
     def plan(self) -> dict[str, tuple[str, ...]]:
         """Quantity -> columns that hold it. BadInput for columns that the map names and the file lacks, for
         a part of a quantity, for readings or positions that are missing."""
+        self._refuse_unseen()
         n = self.joints.n
         given = self.mapping.columns
         several = {"q": n, "p": 3, "dir": n, "qdot": n, "g": 3, "cam": 7, "cov": 21}
@@ -83,7 +97,7 @@ class Columns:
         elif self.mapping.targets is not None:
             for number, names in enumerate(self.mapping.targets.columns, 1):
                 plan[f"target {number}"] = self.named(f"target {number}", names, 3)
-        elif found := self._complete(("qw", "qx", "qy", "qz")):
+        elif found := self._complete(_QUATERNION):
             plan["rotation"] = found
         self._check_number_of_joints()
         return plan
@@ -105,9 +119,11 @@ class Columns:
         if absent:
             near = nearest_name(absent[0], self.table.columns)
             hint = f"did you mean {near!r}? " if near else ""
+            if isinstance(names, str) and (zero := self._from_zero(names, count)):
+                hint = f"{{}} counts from 1: write --column {shlex.quote(f'{key}={zero}')}; "
             raise BadInput(
                 f"{key}: there is no column {', '.join(map(repr, absent))}", self.where,
-                f"{hint}columns are {', '.join(self.table.columns)}",
+                f"{hint}columns are {shown(', '.join(self.table.columns))}",
             )  # fmt: skip
         return wanted
 
@@ -115,16 +131,24 @@ class Columns:
         """Columns by KinCal's own names; () if there are none."""
         if count == 1 and key in (*SCALARS, *TEXTS):
             return (key,) if key in self.table.columns else ()
-        names = {
-            "p": ("px", "py", "pz"),
-            "g": ("gx", "gy", "gz"),
-            "cam": ("cx", "cy", "cz", "cqw", "cqx", "cqy", "cqz"),
-            "cov": tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7)),
-        }.get(key) or tuple(f"{key}{j}" for j in range(1, count + 1))
+        names = _NAMES.get(key) or tuple(f"{key}{j}" for j in range(1, count + 1))
         if key in ("q", "p"):
             self._require(names)
             return names
         return self._complete(names)
+
+    def _refuse_unseen(self) -> None:
+        """BadInput for a column that has our name but for a character that nobody sees: it would pass for
+        another column, or for none."""
+        numbered = [f"{key}{j}" for key in ("q", "dir", "qdot") for j in range(1, self.joints.n + 1)]
+        ours = {*numbered, *SCALARS, *TEXTS, *chain(_QUATERNION, *_NAMES.values())}
+        for number, name in enumerate(self.table.columns, 1):
+            if (code := unseen(name)) and without_unseen(name) in ours:
+                raise BadInput(
+                    f"{self.where}: the name of column {number}, {shown(name)}, holds {code}, which is not "
+                    "shown",
+                    todo=f"write {without_unseen(name)} without it",
+                )
 
     def _require(self, names: Sequence[str]) -> None:
         joints = [f"q{j}" for j in range(1, self.joints.n + 1)]
@@ -132,27 +156,36 @@ class Columns:
         needed = [*(joints if given.q is None else []), *(("px", "py", "pz") if given.p is None else [])]
         missing = [name for name in needed if name not in self.table.columns]
         if missing and any(name in missing for name in names):
-            there = ", ".join(self.table.columns)
+            hint = "if they have other names, say which with --column or --map"
+            if joints[-1] in missing and (zero := self._from_zero("q{}", len(joints))):
+                hint = f"columns count from 1: q1..q{len(joints)}; rename them, or write --column q={zero}"
             raise BadInput(
                 f"{self.where}: column(s) {', '.join(missing)} missing; an arm with {len(joints)} "
                 f"joints needs q1..q{len(joints)},px,py,pz",
-                todo=f"if they have other names, say which with --column or --map; there are {there}",
+                todo=f"{hint}; there are {shown(', '.join(self.table.columns))}",
             )
+
+    def _from_zero(self, pattern: str, count: int) -> str:
+        """The columns of a pattern with {} for the number, from 0 on, if all of them are there."""
+        names = [pattern.replace("{}", str(k)) for k in range(count)]
+        return ",".join(names) if all(name in self.table.columns for name in names) else ""
 
     def _complete(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """The names if all are there, () if none is; BadInput for some of them."""
         there = [name for name in names if name in self.table.columns]
         if there and len(there) < len(names):
             lacking = [name for name in names if name not in self.table.columns]
+            zero = self._from_zero(f"{names[0].rstrip('1')}{{}}", len(names))
             raise BadInput(
                 f"{self.where}: has {', '.join(there[:4])} but lacks {', '.join(lacking[:4])}; "
-                f"give all of {names[0]}..{names[-1]} or none"
+                f"give all of {names[0]}..{names[-1]} or none",
+                todo=f"columns count from 1: {names[0]}..{names[-1]}" if zero else "",
             )
         return tuple(there)
 
     def _check_number_of_joints(self) -> None:
-        extra = f"q{self.joints.n + 1}"
-        if extra in self.table.columns and self.mapping.columns.q is None:
+        extra = next((name for name in ("q0", f"q{self.joints.n + 1}") if name in self.table.columns), "")
+        if extra and self.mapping.columns.q is None:
             columns = ",".join(f"q{j}" for j in range(1, self.joints.n + 1))
             raise BadInput(
                 f"{self.where}: has column {extra}, but the arm table has {self.joints.n} joints",
@@ -167,7 +200,7 @@ class Columns:
         numeric = {key: names for key, names in plan.items() if key not in TEXTS}
         comma = self._decimal_comma([name for names in numeric.values() for name in names])
         for key, names in numeric.items():
-            numbers = np.column_stack([self._numbers(name, comma) for name in names])
+            numbers = np.column_stack([self._numbers(name, comma, key in _MAY_BE_EMPTY) for name in names])
             self.values[key] = numbers * self._scale(key, names)
         for key in plan.keys() & set(TEXTS):
             (name,) = plan[key]
@@ -188,23 +221,26 @@ class Columns:
             )
         return bool(comma)
 
-    def _numbers(self, name: str, comma: bool) -> Array:
-        """(N,) numbers of a column; nan, and the row bad, where there is none."""
+    def _numbers(self, name: str, comma: bool, may_be_empty: bool) -> Array:
+        """(N,) numbers of a column; nan where there is none, and the row bad unless the cell is empty and may
+        be."""
         cells = self.table.columns[name]
         if isinstance(cells, np.ndarray):
             found = array(cells)
+            empty = np.isnan(found)
         else:
             found = np.array([_number(cell, comma) for cell in cells], dtype=float)
-        wrong = ~np.isfinite(found)
+            empty = np.array([not cell.strip() for cell in cells], dtype=bool)
+        wrong = ~np.isfinite(found) & ~(empty & may_be_empty)
         self.refuse(wrong, (self._why(name, cells[k], found[k]) for k in np.flatnonzero(wrong)))
         return found
 
     def _why(self, name: str, cell: object, found: float) -> str:
-        text = str(cell).strip() or "empty"
+        text = shown(str(cell).strip()) or "empty"
         number = isinstance(cell, str) and text.lower().lstrip("+-") not in ("nan", "inf", "infinity")
         what = "a number" if number and math.isnan(found) else "a finite number"
         hint = ", with a decimal point" if number and "," in text else ""
-        return f"{name} is {text}, {what}{hint} is needed"
+        return f"{name} is {text}, {what}{hint} is needed{_odd_letter(str(cell).strip())}"
 
     def _scale(self, key: str, names: Sequence[str]) -> Array:
         """(k,) factors to SI units. A column that the file calls by our name with a unit is in that unit."""
@@ -242,6 +278,16 @@ class Columns:
 def _text(value: object) -> str:
     """A name in a file: a number that is whole is written as such."""
     return f"{value:.15g}" if isinstance(value, float) else str(value).strip()
+
+
+def _odd_letter(text: str) -> str:
+    """What to do about a character that looks like a part of a number, or like nothing; empty if there is
+    none."""
+    if code := unseen(text):
+        return f": it holds {code}, which is not shown; take it out"
+    if dash := next((char for char in text if char in _DASHES), ""):
+        return f": its sign is U+{ord(dash):04X}; write the - of the keyboard"
+    return ""
 
 
 def _number(cell: str, comma: bool) -> float:

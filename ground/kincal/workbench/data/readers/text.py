@@ -6,6 +6,7 @@ import csv
 from pathlib import Path
 
 from kincal_shared.errors import BadInput
+from kincal_shared.letters import shown
 from kincal_shared.schema.datamap import DataMap
 from kincal_shared.schema.errors import utf8_text
 
@@ -27,7 +28,7 @@ def read_text(path: str, mapping: DataMap, joints: Joints) -> Table:
         header, where = [str(k) for k in range(1, len(rows[0][1]) + 1)], "without a header"
     doubled = sorted({name for name in header if header.count(name) > 1})
     if doubled:
-        raise BadInput(f"{path}: {where}: column {', '.join(doubled)} appears twice in the header")
+        raise BadInput(f"{path}: {where}: column {shown(', '.join(doubled))} appears twice in the header")
     good = [(number, cells) for number, cells in rows if len(cells) == len(header)]
     return Table(
         source=path,
