@@ -214,7 +214,7 @@ def test_check_ends_with_status_1_where_a_fifth_of_the_poses_is_off(folder):
     given = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
     done = kincal("check", *given)
     assert done.exit_code == EXIT_FAILED
-    assert "put right first" in done.stdout
+    assert "corrected first" in done.stdout
     assert "8 of 40 poses are off by" in done.stdout
     (finding,) = json.loads(kincal("check", *given, "--json").stdout)["findings"]
     assert finding["poses"] == [f"p{k}" for k in range(0, 40, 5)]
