@@ -305,7 +305,7 @@ def test_uplink_says_with_which_tables_it_compared_and_needs_those_that_fly(fold
     (folder / "M.toml").write_text("version = 1\n")
     args = ("uplink", "--model", folder / "M.toml", "--arm", folder / "arm.toml", "-o", tmp_path / "t.tbl")
     assert "tables/bin/arm.tbl" in kincal(*args).output
-    assert "bounds inside what tables/bin/space.tbl was verified for" in kincal(*args).output
+    assert "bounds within what tables/bin/space.tbl was verified for" in kincal(*args).output
     refused = kincal(*args, "--tables", tmp_path)
     assert refused.exit_code == EXIT_INPUT
     assert "holds no arm.tbl" in refused.stderr and "--tables" in refused.stderr

@@ -29,10 +29,10 @@ HEADINGS = {
     "models": (
         "Held-out error of the nested models",
         "Each model contains the one above it. One column for each way of holding poses back; bars: 95 % "
-        "interval over the held-out poses. Dashed: noise floor, and what a black box reaches.",
+        "interval over the held-out poses. Dashed: noise floor, and the error that a black box reaches.",
     ),
     "gains": (
-        "What each effect brings",
+        "Contribution of each effect",
         "The whole model compared with the same model without this one effect, on poses that were not "
         "fitted.",
     ),
@@ -43,7 +43,7 @@ HEADINGS = {
         "were added only because they improve predictions are not shown: they have no probability.",
     ),
     "suspects": (
-        "The strongest suspects among the joints",
+        "Most suspicious joints",
         "Motion of the joint alone that would explain each residual, plotted against what it may depend on.",
     ),
     "map": (
@@ -148,7 +148,7 @@ def _unnamed(data: ReportContent, poses: Poses, novel: UnnamedFinding) -> Sectio
     panels = place_panels(data.diagnosis.final, novel.location, novel.depends_on)
     sentence, gain = explain.unnamed(novel), explain.held_gain(novel.held)
     text = (
-        f"{sentence[:1].upper()}{sentence[1:]}. With a smooth function there ({novel.name}): {gain}. "
+        f"{sentence[:1].upper()}{sentence[1:]}. As a smooth function ({novel.name}): {gain}. "
         f"{HOW_FINDING} {poses.note}"
     )
     figure = finding_figures.findings(panels, poses, novel.curves)

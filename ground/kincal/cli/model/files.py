@@ -223,7 +223,7 @@ def uplink_command(
     out = out_path or model_path.with_suffix(".tbl")
     write_file(out, image.data)
     click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}; {made.compared}")
-    click.echo(f"bounds inside what {tables_dir / 'space.tbl'} was verified for, and a tenth")
+    click.echo(f"bounds within what {tables_dir / 'space.tbl'} was verified for, plus a tenth")
     if made.left_out:
         click.echo(f"left out: {', '.join(h.name for h in made.left_out)}")
     if (cost := made.cost()) is not None:
