@@ -256,7 +256,7 @@ def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
         f"reachable          {_reachable_text(c)}",
         f"noise floor        {_floor_text(c.noise_floor)}",
         *design_lines(c),
-        f"chi2 per degree    {c.chi2_per_dof:.3f} {_unit_of_chi2(c)}",
+        f"chi2 / dof         {c.chi2_per_dof:.3f} {_unit_of_chi2(c)}",
         f"lack of fit        {p_text}",
         f"residual           {explain.left_over(c)}",
         *([f"unseen poses       {explain.unseen(c)}"] if c.p_unseen is not None else []),
