@@ -276,7 +276,7 @@ def test_check_ends_with_status_1_where_a_fifth_of_the_poses_is_off(folder):
     given = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
     done = kincal("check", *given)
     assert done.exit_code == EXIT_FAILED
-    assert "put right first" in done.stdout
+    assert "corrected first" in done.stdout
     assert "8 of 40 poses are off by" in done.stdout
     (finding,) = json.loads(kincal("check", *given, "--json").stdout)["findings"]
     assert finding["poses"] == [f"p{k}" for k in range(0, 40, 5)]
@@ -367,7 +367,7 @@ def test_uplink_says_with_which_tables_it_compared_and_needs_those_that_fly(fold
     (folder / "M.toml").write_text("version = 1\n")
     args = ("uplink", "--model", folder / "M.toml", "--arm", folder / "arm.toml", "-o", tmp_path / "t.tbl")
     assert "tables/bin/arm.tbl" in kincal(*args).output
-    assert "bounds inside what tables/bin/space.tbl was verified for" in kincal(*args).output
+    assert "bounds within what tables/bin/space.tbl was verified for" in kincal(*args).output
     refused = kincal(*args, "--tables", tmp_path)
     assert refused.exit_code == EXIT_INPUT
     assert "holds no arm.tbl" in refused.stderr and "--tables" in refused.stderr

@@ -793,14 +793,14 @@ def test_the_error_at_other_poses_is_that_of_the_exported_code(folder, tmp_path,
     assert found["held"]["pos_mm"] < fitted < nominal and found["fit_data"] == []
     assert (folder / "M.toml").read_bytes() == before
     said = kincal(folder, *given, "poses.csv").output
-    assert f"note: the model was fitted to {folder / 'poses.csv'}: this is no prediction" in said
+    assert f"note: the model was fitted to {folder / 'poses.csv'}: this is not a prediction" in said
 
 
 @pytest.mark.parametrize(
     ("effects", "fitted", "status", "says"),
     [
         (["backlash[4]"], False, 2, "run `kincal model fit` first"),
-        (["time_drift[2]"], True, 3, "time_drift[2] holds for the session that was fitted only"),
+        (["time_drift[2]"], True, 3, "time_drift[2]: valid for the fitted session only"),
     ],
 )
 def test_a_model_that_says_nothing_of_other_poses_is_refused(folder, tmp_path, effects, fitted, status, says):
@@ -812,7 +812,7 @@ def test_a_model_that_says_nothing_of_other_poses_is_refused(folder, tmp_path, e
     assert done.exit_code == status and says in done.stderr
     made = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "python", "-o", "o.py")
     assert (made.exit_code == 0) is fitted
-    assert ("for the session that was fitted only" in made.stderr) is fitted
+    assert ("valid for the fitted session only" in made.stderr) is fitted
 
 
 def test_json_holds_every_number_with_its_unit(folder):

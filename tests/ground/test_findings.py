@@ -22,6 +22,7 @@ from kincal.workbench.diagnosis import competing
 from kincal.workbench.evidence.adequacy import Outliers
 from kincal.workbench.evidence.serial import Serial
 from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.model.places import all_places
 from kincal.workbench.prediction.gain import held_ratio, judged, rms_interval
 from kincal.workbench.prediction.nextposes import NextPose
 from kincal.workbench.prediction.reachable import Reachable
@@ -126,8 +127,8 @@ def test_a_probability_says_what_it_is_the_product_of(found):
     )
     assert doubted.doubts.probability == pytest.approx(0.72)
     text = explain.why(doubted)
-    assert "= 1.00 (evidence) x 0.80 (it helps poses that were not fitted) x 0.90" in text
-    assert "it makes time block much worse: not in the model" in text
+    assert "= 1.00 (evidence) x 0.80 (helps on poses that were not fitted) x 0.90" in text
+    assert "it makes the held-out time block much worse: not in the model" in text
 
 
 def test_poses_are_advised_where_names_compete_not_where_predictions_fail(found):
@@ -144,7 +145,7 @@ def test_verdict_is_one_sentence_with_what_it_brings(found):
     text = explain.verdict(found.d)
     before, after = found.d.comparison.rms["held"][0], found.d.remainder.held_pos_m
     assert text == (
-        f"Consistent with backlash[4]: with it the held-out error falls from {before * 1e3:.3f} "
+        f"Consistent with backlash[4]: with it, the held-out error falls from {before * 1e3:.3f} "
         f"to {after * 1e3:.3f} mm."
     )
 
@@ -164,7 +165,7 @@ def test_verdict_and_star_name_only_what_is_shown_to_help(found):
     text = diagnosis_text(d)
     assert "\n* backlash[4]: " in text and "\n+ bias_step[7]: " in text and "\n+ flex: " in text
     [line] = [line for line in text.splitlines() if line.startswith("+ flex")]
-    assert "P = 0.15" in line and "= 0.95 (evidence) x 0.18 (it helps poses that were not fitted)" in line
+    assert "P = 0.15" in line and "= 0.95 (evidence) x 0.18 (helps on poses that were not fitted)" in line
     shown = replace(found.content, diagnosis=d)
     assert [("; undecided)" in pages._finding(one, shown)) for one in d.effects] == [False, True, True]
     none = replace(found.d, effects=(open_,), verdict="effect")
@@ -173,11 +174,11 @@ def test_verdict_and_star_name_only_what_is_shown_to_help(found):
 
 @pytest.mark.parametrize(
     ("explains", "outliers", "serial", "said"),
-    [(True, 0, None, "Nothing is missing that these data could show."),
-     (True, 3, None, "Nothing is missing that these data could show, but for 3 outliers."),
-     (False, 12, None, "but for 12 outliers, too many for a model that explains the data."),
-     (False, 0, None, "No effect is shown to be missing, and yet the model does not explain these data."),
-     (False, 0, Serial(0.5, 1e-9), "What is left follows time, and no effect is shown to cause it. The")],
+    [(True, 0, None, "These data show no missing effect."),
+     (True, 3, None, "These data show no missing effect, apart from 3 outliers."),
+     (False, 12, None, "apart from 12 outliers, too many for a model that explains the data."),
+     (False, 0, None, "No effect is shown to be missing, yet the model does not explain these data."),
+     (False, 0, Serial(0.5, 1e-9), "error varies with time, and no effect is shown to cause it. The noise")],
 )  # fmt: skip
 def test_nothing_is_missing_only_where_the_model_explains_the_data(found, explains, outliers, serial, said):
     """ "Nothing is missing" stood above "the model does NOT explain these data"."""
@@ -204,10 +205,42 @@ def test_verdict_says_of_something_unnamed_whether_its_function_is_decided(found
         novel = SimpleNamespace(location="joint 2", depends_on=("q2", "q3"), held=held, curves=curves)
         return explain.verdict(replace(found.d, verdict="novel", novel=novel))
 
-    follows = "joint 2 has an error that follows q2 and q3"
-    assert f"{follows} (a smooth function of that: undecided); with backlash[4] " in said(undecided)
-    assert f"{follows}; with backlash[4] " in said(helps)
-    assert f"{follows}; with backlash[4] " in said(undecided, curves=())
+    depends = "the error of joint 2 depends on q2 and q3"
+    assert f"{depends} (modelled as a smooth function: undecided); with backlash[4], " in said(undecided)
+    assert f"{depends}; with backlash[4], " in said(helps)
+    assert f"{depends}; with backlash[4], " in said(undecided, curves=())
+
+
+@pytest.mark.parametrize(
+    ("location", "depends_on", "said"),
+    [("base translation", ("t",), "the base position drifts with time"),
+     ("tool rotation", ("order",), "the tool orientation on the flange drifts over the session"),
+     ("link 2 tilt", ("temp", "t"), "the tilt of link 2 drifts with temperature and time"),
+     ("joint 4", ("tau4", "q3"), "the error of joint 4 depends on the gravity torque of joint 4 and q3"),
+     ("range", ("incid",), "the measured range depends on the incidence angle")],
+)  # fmt: skip
+def test_something_unnamed_is_a_sentence(location, depends_on, said):
+    assert explain.unnamed(SimpleNamespace(location=location, depends_on=depends_on)) == said
+
+
+def test_every_place_of_an_error_has_words(found):
+    names = [place.name for place in all_places(found.d.final.arm, found.data)]
+    assert all(explain._error_at(name) != f"the error of {name}" for name in names if "joint" not in name)
+
+
+@pytest.mark.parametrize(
+    ("serial", "random_order", "said"),
+    [(Serial(0.33, 1e-9), False,
+      "The noise is correlated in time: 33 % of the remaining error is shared by consecutive poses but not "
+      "by nearby poses measured at other times. Effects were therefore judged on whole stretches of the "
+      "session that were held out. To improve: take more poses, at rest and in random order."),
+     (Serial(0.33, 1e-9), True, "To improve: take more poses, at rest."),
+     (Serial(0.33, 1e-9, separable=False), False, "The noise may be correlated in time: 33 % of the")],
+)  # fmt: skip
+def test_noise_that_is_correlated_in_time_is_said_with_what_to_do(serial, random_order, said):
+    """Poses in random order need no advice to shuffle them."""
+    text = explain.correlated(serial, random_order=random_order)
+    assert said in text and ("random" in text) is not random_order
 
 
 @pytest.mark.parametrize(
@@ -225,7 +258,7 @@ def test_what_follows_time_is_added_by_its_name(found, driver, interval, names):
     steps = [*advice._adding(replace(found.d, verdict="novel", novel=novel), inputs)]
     added = [s.command for s in steps if "unnamed" in s.command]
     assert added == [f"kincal model add --model M.toml --arm a.toml --data d.csv {name}" for name in names]
-    assert any("predicts none that are measured later" in s.why for s in steps) is (len(names) > 1)
+    assert any("cannot predict later ones" in s.why for s in steps) is (len(names) > 1)
 
 
 def test_poses_that_would_not_decide_are_not_advised(found):
@@ -238,11 +271,11 @@ def test_poses_that_would_not_decide_are_not_advised(found):
 
     [step] = steps(weak)
     assert step.command == "kincal model effects"
-    assert "flex and slip apart: these 1 would not decide (power 0.04); about 16 such poses" in step.why
+    assert "flex and slip apart, 1 more pose is not enough (power 0.04); about 16 would give" in step.why
     assert "(power 0.04)" in poses_text([weak])
     [step] = steps(strong)
     assert "--count 1 flex slip" in step.command
-    assert step.command.startswith("kincal model next ") and "would not decide" not in poses_text([strong])
+    assert step.command.startswith("kincal model next ") and "not enough" not in poses_text([strong])
 
 
 def test_a_fit_that_makes_held_out_poses_worse_explains_nothing():
@@ -258,7 +291,7 @@ def test_a_fit_that_makes_held_out_poses_worse_explains_nothing():
 
     assert said(True, 2.8e-3, 0.9e-3) == said(True, 2.8e-3, float("nan")) == "the model explains these data"
     assert said(False, 2.8e-3, 0.9e-3) == "the model does NOT explain these data"
-    assert "noise is nobody has said" in said(True, 2.8e-3, 0.9e-3, None)
+    assert "without knowing their noise" in said(True, 2.8e-3, 0.9e-3, None)
     worse = said(True, 2.755e-3, 2.93e-3)
     assert "explains" not in worse and "worse than the nominal arm (2.755 to 2.930 mm)" in worse
 

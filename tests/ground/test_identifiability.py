@@ -102,7 +102,7 @@ def run(*words):
 def test_compare_says_it_on_one_page(files):
     text = run("compare", "--arm", files[0], "--data", files[1]).stdout
     for words in (
-        "parameters         40, rank 3",
+        " of 40 constrained by the data, rank 3",
         "condition",
         "base.rz_rad, J1.phi_rad",
         "by axis",

@@ -97,7 +97,7 @@ def test_an_effect_flies_with_1_2_times_its_value_inside_its_bounds_or_not_at_al
         assert uplink.term_table(arm, [h], flown, model).coef[28].ub == pytest.approx(0.055)
     else:
         error = refusal(arm, [h], flown, model)
-        assert "turn[1].c0 of 0.0459 can make up to 0.0459 rad about z of frame 0" in error.what
+        assert "turn[1].c0 of 0.0459 can cause up to 0.0459 rad about z of frame 0" in error.what
         assert error.todo.endswith("--drop 'turn[1]'")
 
 
@@ -105,7 +105,7 @@ def test_what_has_not_been_fitted_is_named_by_the_bound_that_it_asks_for(arm):
     flown = poses.flown_of(arm, 0.1)
     flown.space.verified[0].phi_rad = 0.0
     error = refusal(arm, [effect("turn[1]", 1, 0, RZ, sigma=1e-3)], flown)
-    assert "turn[1].c0 of 0.03 can make up to 0.03" in error.what
+    assert "turn[1].c0 of 0.03 can cause up to 0.03" in error.what
     assert "may add up to 0, a tenth more" in error.what
 
 

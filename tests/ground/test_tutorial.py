@@ -103,10 +103,10 @@ def test_page_prints_what_its_commands_print(tutorial):
 def test_effect_of_nobodys_library_is_mapped_written_in_ten_lines_and_flown(tutorial):
     folder = tutorial[0]
     said = output(tutorial, "diagnose --arm wam --data out/tutorial/odd/run.lcmlog")
-    assert "diagnosis: Something is missing that no effect of the library describes" in said
-    (follows,) = re.findall(r"^not in the library: joint 3 has an error that follows (.+) \(P", said, re.M)
+    assert "diagnosis: Something is missing that no effect in the library describes" in said
+    (drivers,) = re.findall(r"^not in the library: the error of joint 3 depends on (.+) \(P", said, re.M)
     # tanh(q4) hardly changes over the poses of flight; test_workbench_engine.py has poses that show both
-    assert {"q6"} <= set(follows.split(" and ")) <= {"q4", "q6"}
+    assert {"q6"} <= set(drivers.split(" and ")) <= {"q4", "q6"}
     assert len((folder / "odd.toml").read_text().splitlines()) <= 10
     value, std_err = wb.read_model(folder / "odd_model.toml").values["odd_coupling.k"]
     assert value == pytest.approx(0.012, abs=4 * std_err)

@@ -7,7 +7,7 @@ import poses
 import pytest
 
 from kincal import workbench as wb
-from kincal.workbench.data.direction import last_moves, with_direction
+from kincal.workbench.data.direction import in_random_order, last_moves, with_direction
 from kincal.workbench.data.readers import read_measurements
 from kincal.workbench.evidence.adequacy import find_outliers
 from kincal.workbench.fit.least_squares import fit_model
@@ -63,6 +63,17 @@ def test_a_loop_over_a_grid_and_a_random_campaign_are_one():
         data = with_direction(rows_in_order(q))
         assert data.direction_source == "inferred"
         assert "inferred from the order of rows" in said(data)[0]
+
+
+def test_a_random_order_is_told_from_a_path_and_a_grid():
+    rng = np.random.default_rng(3)
+    grid = np.array([(a, b) for a in np.linspace(-1, 1, 6) for b in np.linspace(-1, 1, 6)])
+    path = np.cumsum(rng.normal(size=(60, 2)), axis=0)
+    still = np.column_stack([rng.uniform(-1, 1, (60, 2)), np.zeros(60)])  # a joint that does not move
+    for q, want in ((grid, False), (path, False), (rng.permutation(grid), True), (still, True)):
+        assert in_random_order(rows_in_order(q)) is want
+    assert not in_random_order(rows_in_order(np.sort(rng.uniform(-1, 1, (60, 2)), axis=0)))
+    assert not in_random_order(rows_in_order(rng.uniform(-1, 1, (5, 2))))  # too few to tell
 
 
 def test_a_sweep_of_all_joints_at_once_may_be_an_order_of_motion():

@@ -66,7 +66,7 @@ def predict(
     check_needs(library, calibrated.effects, calibrated.arm, data)
     if drifting := calibrated.of_session:
         raise CannotAnswer(
-            f"{', '.join(drifting)} holds for the session that was fitted only, and the other values with it",
+            f"{', '.join(drifting)}: valid for the fitted session only, and so are the other values",
             calibrated.file,
             "`kincal model remove` it, by its name in `kincal model list`, and `kincal model fit` again",
         )

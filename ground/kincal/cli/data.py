@@ -48,7 +48,7 @@ class Given:
         data = self.read(arm)
         answer = check(arm, data, thorough=False)
         if not self.force:
-            refuse(answer, arm, "correct it, or add --force to go on all the same")
+            refuse(answer, arm, "correct it, or add --force to continue anyway")
         for doubt in answer.doubts:
             click.echo(f"warning: {doubt}", err=True)
         return data
@@ -142,23 +142,22 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
             multiple=True,
             type=PATH,
             help=about
-            or "Measurements: CSV or other text, npz, Parquet, ROS bag, LCM log; several times for several "
-            "files.",
+            or "Measurements: CSV or other text, npz, Parquet, ROS bag, LCM log; repeat for several files.",
         ),
         click.option("--map", "map_path", type=PATH, default=None,
                      help="Names and units of the columns (TOML)."),
         click.option("--column", "columns", multiple=True, metavar="NAME=COLUMNS",
                      help="Columns of one quantity: q=joint_{}, p=X,Y,Z, t_s=time."),
         click.option("--units", metavar="UNIT,...", default=None,
-                     help="Units of the file, of rad deg m mm s ms us ns.  [default: rad,m,s]"),
+                     help="Units in the file: any of rad deg m mm s ms us ns.  [default: rad,m,s]"),
         click.option("--rotation", metavar="FORM=COLUMNS", default=None,
                      help="Orientation as xyzw, wxyz, rotvec, matrix or euler-AXES: euler-ZYX=A,B,C."),
         click.option("--skip-bad", is_flag=True, help="Skip malformed rows and count them."),
         click.option("--no-inferred-direction", is_flag=True,
-                     help="Without dir columns do not take approach directions from the order of rows."),
+                     help="Without dir columns, do not infer approach directions from the order of rows."),
         click.option("--exclude", "excluded", multiple=True, metavar="ID,...",
-                     help="Ids of poses to leave out; the page of `diagnose` lists those clicked."),
-        click.option("--force", is_flag=True, help="Go on when arm table and data do not belong together."),
+                     help="Ids of poses to leave out; the report of `diagnose` lists those that you click."),
+        click.option("--force", is_flag=True, help="Continue even if arm table and data do not match."),
     )  # fmt: skip
 
     def decorate(command: Command) -> Command:

@@ -100,7 +100,7 @@ def table_check(files: tuple[Path, ...], tables_dir: Path | None) -> None:
     """Check tables as flight would; status 2 if any is refused.
 
     A TERMS table is also compared with the SPACE table that it flies with, and the other way round: the
-    bounds of TERMS have to be inside what SPACE was verified for, and a tenth (docs/SPACES.md).
+    bounds of TERMS have to be within what SPACE was verified for, plus a tenth (docs/SPACES.md).
 
     \b
     Examples:

@@ -76,5 +76,5 @@ def uplink(bench: Bench, shelf: Shelf, drop: list[str]) -> Plain:
         "file": str(Path(shelf.place("TERMS", MADE))),
         "effects": effects,
         "text": f"TERMS table {made.image.crc_text} with {', '.join(effects) or 'DH errors alone'}{left}",
-        "about": f"{made.compared}; bounds inside what the search space was verified for, and a tenth",
+        "about": f"{made.compared}; bounds within what the search space was verified for, plus a tenth",
     }

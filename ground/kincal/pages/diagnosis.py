@@ -29,45 +29,49 @@ HEADINGS = {
     "models": (
         "Held-out error of the nested models",
         "Each model contains the one above it. One column for each way of holding poses back; bars: 95 % "
-        "interval over the held-out poses. Dashed: noise floor, and what a black box reaches.",
+        "interval over the held-out poses. Dashed: noise floor, and the error that a black box reaches.",
     ),
     "gains": (
-        "What each effect brings",
-        "The whole model against the whole model without this one effect, on poses that were not fitted.",
+        "Contribution of each effect",
+        "The whole model compared with the same model without this one effect, on poses that were not "
+        "fitted.",
     ),
     "posterior": (
         "Probabilities",
         "Of what may be missing, given this library and its priors. Blue: added; orange: alternative; grey: "
-        "nothing missing; red: something unnamed. Dotted: 0.9, from which on it is sure. Effects that were "
-        "added because they predict better are not in it: no probability speaks for them.",
+        "nothing missing; red: something unnamed. Dotted: 0.9, the threshold for confidence. Effects that "
+        "were added only because they improve predictions are not shown: they have no probability.",
     ),
     "suspects": (
-        "The strongest suspects among the joints",
-        "Motion of the joint alone that would explain each residual, by what it may depend on.",
+        "Most suspicious joints",
+        "Motion of the joint alone that would explain each residual, plotted against what it may depend on.",
     ),
     "map": (
         "Where the error enters and what it depends on",
         "Before any effect was added. Rows: location; columns: driver variable.",
     ),
-    "vectors": ("Residual vectors", "Drawn {grow:.0f} times as long as they are; the longest are cut."),
+    "vectors": (
+        "Residual vectors",
+        "Scaled {grow:.0f}×; the longest are truncated. Colour: out-of-plane component.",
+    ),
     "variables": (
         "Residuals by variable",
-        "Residuals before any effect was added, against the variables that explain most of them.",
+        "Residuals before any effect was added, plotted against the variables that explain most of them.",
     ),
     "joints": ("Residuals by joint", "Motion of each joint alone that would explain the residuals."),
-    "confounding": ("Confounding", "Bold: below 9, cannot be distinguished with these poses."),
+    "confounding": ("Confounding", "Bold: below 9, so these poses cannot distinguish the two effects."),
     "harm": (
         "What could still be wrong",
-        "Effects that these poses may hide: the tool error of an effect that is just too small to be "
-        "detected with 90 % power. In brackets: that size of the effect, in typical sizes.",
+        "Effects that these poses may fail to show: the tool error caused by an effect just too small to be "
+        "detected with 90 % power. In brackets: the size of that effect, in typical sizes.",
     ),
-    "next": ("Next poses", "They separate {names}; the power counts the poses above too.{little}"),
+    "next": ("Next poses", "They separate {names}. Power: with this pose and those above it.{little}"),
 }
-NEVER_HIDDEN = "No effect hides behind another with these poses."
+NEVER_HIDDEN = "With these poses no effect can be mistaken for another."
 HOW_FINDING = (
-    "Dots: motion of this place that would explain each pose best, with the effect taken out of the model. "
-    "Means of like poses carry their standard error. Poses and means that say little about the place are not "
-    "drawn. The band is that of one curve alone: curves that can stand in for each other have wide ones."
+    "Dots: motion at this location that would best explain each pose if the effect were not in the model. "
+    "Means of similar poses are shown with their standard error. Poses and means that barely constrain this "
+    "location are omitted. Each band is for that curve alone; interchangeable curves have wide bands."
 )
 
 
@@ -76,7 +80,7 @@ def page(data: ReportContent, provenance: Provenance, steps: Sequence[Step] = ()
     d = data.diagnosis
     return Page(
         kind="Diagnosis",
-        title=f"Model diagnosis: {d.comparison.arm}",
+        title=d.comparison.arm,
         subtitle=f"{d.comparison.poses} poses of {d.comparison.source}",
         provenance=provenance,
         verdict=explain.verdict(d),
@@ -144,7 +148,7 @@ def _unnamed(data: ReportContent, poses: Poses, novel: UnnamedFinding) -> Sectio
     panels = place_panels(data.diagnosis.final, novel.location, novel.depends_on)
     sentence, gain = explain.unnamed(novel), explain.held_gain(novel.held)
     text = (
-        f"{sentence[:1].upper()}{sentence[1:]}. With a smooth function there ({novel.name}): {gain}. "
+        f"{sentence[:1].upper()}{sentence[1:]}. As a smooth function ({novel.name}): {gain}. "
         f"{HOW_FINDING} {poses.note}"
     )
     figure = finding_figures.findings(panels, poses, novel.curves)
@@ -153,7 +157,7 @@ def _unnamed(data: ReportContent, poses: Poses, novel: UnnamedFinding) -> Sectio
 
 def _about(e: EffectFinding, panels: Sequence[Panel], poses: Poses) -> str:
     hidden = len(panels) - finding_figures.PANELS
-    more = f" {hidden} panels with smaller motions are not drawn." if hidden > 0 else ""
+    more = f" {hidden} panels with smaller motions are omitted." if hidden > 0 else ""
     said = explain.held_gain(e.held)
     return f"{said[:1].upper()}{said[1:]}. {HOW_FINDING}{more} {poses.note}".rstrip()
 
@@ -168,12 +172,12 @@ def _findings(data: ReportContent) -> Iterator[str]:
         yield f"Unnamed: {explain.unnamed(d.novel)} ({explain.probability(d.novel.probability)} against every named effect)."  # noqa: E501
     if lacking := sum(bool(n.needs) for n in d.not_testable):
         yield (f"{lacking} effects of the library could not be tested: columns or arm data are missing "
-               "(list under The answer as text).")  # fmt: skip
+               '(see the list in "The answer as text").')  # fmt: skip
 
 
 def _finding(e: EffectFinding, data: ReportContent) -> str:
     d = data.diagnosis
-    gain = "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
+    gain = "it improves held-out poses" if e.helps else "it improves cross-validation"
     sure = explain.odds(e, d) or f"not certain, but {gain}"
     if not explain.is_shown(e):
         sure += "; undecided"

@@ -221,7 +221,7 @@ def harm(rows: Sequence[Harm], count: int = 14) -> go.Figure:
         marker={"color": theme.ORANGE}, text=[f"{x:.2g}" for x in errors_mm], textposition="outside",
         cliponaxis=False,
     )  # fmt: skip
-    return figure.update_xaxes(title_text="tool error it would cause just below detection [mm]")
+    return figure.update_xaxes(title_text="tool error it would cause just below the detection limit [mm]")
 
 
 def next_poses(q: np.ndarray, low: np.ndarray, high: np.ndarray, power: Sequence[float]) -> go.Figure:

@@ -17,9 +17,9 @@ _EFFECTS = (
 _MODELS = "<held out|<model|RMS [mm]|95 % interval|RMS [mrad]|without noise [mm]|worst [mm]|ratio to the line above|95 % interval"  # noqa: E501
 _GAINS = "<effect|<held out|without it [mm]|with it [mm]|ratio|95 % interval|<judged"
 _SAME_NOTE = (
-    "Without it: the final model without this effect alone, fitted again; for an alternative, with it: the "
-    "final model and this effect. Judged by the interval: below 1 helps, above 1 harms, no gain of 3 % or "
-    "more inside: does not help, otherwise undecided."
+    "Without it: the final model refitted without this one effect. With it, for an alternative: the final "
+    "model plus this effect. Judged by the interval: below 1, helps; above 1, harms; excluding a gain of 3 % "
+    "or more, does not help; otherwise undecided."
 )
 _MOODS: dict[Gain, str] = {"helps": "good", "harms": "bad", "does not help": "", "undecided": ""}
 _ROLES = {"accepted": "added", "helps": "added: predictions gain", "alternative": "alternative"}

@@ -114,7 +114,7 @@ def _limits(panel: Panel) -> Range:
 
 def _curves(panel: Panel, group: Group, colour: str, first: bool) -> Iterator[go.Scatter]:
     """Means with error bars, and what the effect says."""
-    label = group.label or "mean of like poses ± standard error"
+    label = group.label or "mean of similar poses ± standard error"
     shared = {"legendgroup": label, "showlegend": first}
     yield _means(_sharp(panel, group), colour, label, shared, joined=not panel.fitted.any())
     if panel.fitted.any():

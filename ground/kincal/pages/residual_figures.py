@@ -23,7 +23,7 @@ _SUSPECTS = 4
 
 def vectors(d: Diagnosis, poses: Poses) -> go.Figure:
     """Residual position vectors over the workspace from above and from the side, before and after the
-    accepted effects; colour: the part across the picture."""
+    accepted effects; colour: the out-of-plane component."""
     fits = _before_after(d)
     before = fits[0][0]
     size_m = max(_typical(before), 1e-12)
@@ -64,7 +64,7 @@ def _rms(fit: Fit) -> float:
 
 
 def _across_bar(limit_mm: float) -> dict[str, object]:
-    bar = theme.colour_bar("part across the picture [mm]")
+    bar = theme.colour_bar("out-of-plane component [mm]")
     return {"colorscale": theme.SIGNED_STRONG, "cmin": -limit_mm, "cmax": limit_mm, "colorbar": bar}
 
 

@@ -210,14 +210,14 @@ def _tiles(r: Review) -> list[Tile]:
     rotation = f"{angle_text(n['before_rot_rad'])} → {angle_text(n['fit_rot_rad'])}"
     rank_mood = "" if n["rank"] == n["n_free"] else "bad"
     poor = poor_fit(r)
-    no_change = DOES_NOT_HOLD if poor else "chance of this if nothing had changed"
+    no_change = DOES_NOT_HOLD if poor else "chance of such an improvement"
     return [
         Tile("position residual RMS", position, about=same),
         Tile("rotation residual RMS", rotation, about=same),
         Tile("rank", f"{n['rank']:.0f} of {n['n_free']:.0f}", rank_mood, "free coefficients"),
         Tile("p of the fit", chance_text(n["p_fit"]), "" if n["p_fit"] >= P_FIT_MIN else "bad",
              f"chance of a fit as bad as this; at least {P_FIT_MIN:g}"),
-        Tile("p of no change", chance_text(n["p_no_change"]), "bad" if poor else "", no_change),
+        Tile("p if nothing changed", chance_text(n["p_no_change"]), "bad" if poor else "", no_change),
         Tile("poses rejected", f"{r.n_outliers} of {r.n_poses}", "bad" if r.n_outliers else ""),
     ]  # fmt: skip
 

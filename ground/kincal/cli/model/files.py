@@ -57,15 +57,15 @@ def add_command(
     given: Given | None,
     names: tuple[str, ...],
 ) -> None:
-    """Add effects to the model (a new model file if there is none); the change goes into its history.
+    """Add effects to the model, or to a new model file; the change is recorded in its history.
 
-    Constants behind the name are kept by every fit; without them the data choose.
+    Constants given after the name stay fixed in every fit; otherwise each fit chooses them from the data.
 
-    An unnamed effect, as `diagnose` names it, becomes a smooth function there: ordinary terms, chosen from
-    the data that --arm and --data give, with what held-out poses gain from them. `unnamed` alone adds as many
-    as predict better by cross-validation of the poses to fit, the one that the data ask for most first. On
-    the held-out poses, which do not choose, some of them may show no gain. It says which ones it leaves out
-    because `fit` would advise against them: those that make an unseen region of the poses worse.
+    An unnamed effect, as `diagnose` names it, is added as a smooth function at that location: ordinary terms,
+    chosen from the data given by --arm and --data, with the improvement on held-out poses. `unnamed` alone
+    adds as many as improve cross-validation of the fitted poses, the strongest first. The held-out poses are
+    not used to choose them, so some may show no improvement there. Those that `fit` would advise against are
+    left out and named: they make an unseen region of the poses worse.
 
     \b
     Examples:
@@ -90,7 +90,7 @@ def add_command(
 @MODEL_NEEDED
 @click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
 def remove_command(model_path: Path, names: tuple[str, ...]) -> None:
-    """Take effects out of the model; the change goes into its history.
+    """Remove effects from the model; the change is recorded in its history.
 
     \b
     Example:
@@ -106,7 +106,7 @@ def remove_command(model_path: Path, names: tuple[str, ...]) -> None:
 @click.command("undo")
 @MODEL_NEEDED
 def undo_command(model_path: Path) -> None:
-    """Take back the last add or remove, with the fitted values that it discarded.
+    """Undo the last add or remove, and restore the fitted values that it discarded.
 
     \b
     Example:
@@ -186,9 +186,9 @@ def history_command(model_path: Path) -> None:
     "drop",
     multiple=True,
     metavar="EFFECT",
-    help="Leave an effect out of the image, at all joints or at some ([2,3]); may be given several times.",
+    help="Leave an effect out of the image, at all joints or at some ([2,3]); may be repeated.",
 )
-@tables_option("Directory with flight's table images: the arm has to be theirs, and --fly copies them.")
+@tables_option("Directory with flight's table images: the arm must be theirs; --fly copies them.")
 def uplink_command(
     model_path: Path,
     effect_files: tuple[Path, ...],
@@ -199,11 +199,12 @@ def uplink_command(
     drop: tuple[str, ...],
     tables_dir: Path,
 ) -> None:
-    """The model as a correction-term table image for flight (uplink it with `kincal table uplink`).
+    """Write the model as a correction-term table image for flight (send it with `kincal table uplink`).
 
-    Flight then estimates these coefficients together with the DH errors. It carries 64 coefficients; of a
-    larger model this says which effects to --drop, and with --data what that costs on held-out poses.
-    Bounds are inside what the search space of --tables was verified for (docs/SPACES.md).
+    Flight then estimates these coefficients together with the DH errors. It has room for 64 coefficients; for
+    a larger model the command says which effects to --drop, and with --data what that costs on held-out
+    poses.
+    Bounds stay within what the search space of --tables was verified for (docs/SPACES.md).
 
     \b
     Examples:
@@ -222,7 +223,7 @@ def uplink_command(
     out = out_path or model_path.with_suffix(".tbl")
     write_file(out, image.data)
     click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}; {made.compared}")
-    click.echo(f"bounds inside what {tables_dir / 'space.tbl'} was verified for, and a tenth")
+    click.echo(f"bounds within what {tables_dir / 'space.tbl'} was verified for, plus a tenth")
     if made.left_out:
         click.echo(f"left out: {', '.join(h.name for h in made.left_out)}")
     if (cost := made.cost()) is not None:
@@ -249,9 +250,9 @@ def predict_command(
 ) -> None:
     """How well does the fitted model predict other measurements? Nothing is fitted to them.
 
-    The values are those that `kincal model fit` wrote into the model file, base and tool frame too: the
-    measurements have to be in the same base frame. Shown beside the error of the nominal arm in these frames,
-    and the error on held-out poses when the model was fitted. (`compare` and `fit` fit anew.)
+    The values are those that `kincal model fit` wrote into the model file, including base and tool frame: the
+    measurements must be in the same base frame. The error is shown beside that of the nominal arm in these
+    frames, and beside the error on held-out poses when the model was fitted. (`compare` and `fit` refit.)
 
     \b
     Example:
@@ -291,10 +292,10 @@ def predict_command(
 def export_command(
     arm_path: Path | None, model_path: Path, effect_files: tuple[Path, ...], form: Format, out_path: Path
 ) -> None:
-    """The fitted model to take away: DH table, JSON, URDF, Python or C source.
+    """Export the fitted model as DH table, JSON, URDF, Python or C source.
 
-    dh and urdf hold what is constant in the model; effects that they cannot hold are named. python and c
-    hold all effects, and give the joint readings for a wanted pose.
+    dh and urdf contain only the constant part of the model; effects that they cannot represent are named.
+    python and c contain all effects, and also compute the joint readings for a wanted pose.
 
     \b
     Examples:
@@ -316,7 +317,7 @@ def export_command(
     if form != "dh" and calibrated.of_session:
         names = ", ".join(calibrated.of_session)
         click.echo(
-            f"note: {names} holds for the session that was fitted only, time starts anew in others; to leave "
+            f"note: valid for the fitted session only, since time starts again in others: {names}; to leave "
             "it out: `kincal model remove`, then `fit` and `export` again",
             err=True,
         )

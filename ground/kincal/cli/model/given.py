@@ -20,17 +20,17 @@ ARM = click.option(
     "arm_path",
     required=True,
     type=click.Path(path_type=Path),
-    help="Arm table (TOML), or the name of one that is shipped, as wam or ur5e: `kincal arm list`.",
+    help="Arm table (TOML), or the name of a shipped one, such as wam or ur5e: see `kincal arm list`.",
 )
 DATA = data_options()
 MODEL = click.option("--model", "model_path", type=click.Path(path_type=Path), default=None,
-                     help="Model file; absent: DH errors only.")  # fmt: skip
+                     help="Model file.  [default: DH errors only]")  # fmt: skip
 MODEL_NEEDED = click.option(
     "--model", "model_path", type=click.Path(path_type=Path), required=True, help="Model file."
 )
 MODEL_WRITTEN = click.option("--model", "model_path", type=FILE_OUT, required=True, help="Model file.")
 EFFECTS = click.option("--effects", "effect_files", multiple=True, type=click.Path(path_type=Path),
-                       help="A file with your own effects; may be given several times.")  # fmt: skip
+                       help="File with your own effects; may be repeated.")  # fmt: skip
 JSON = click.option("--json", "as_json", is_flag=True, help="Machine-readable answer.")
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 def check_command(arm_path: Path, given: Given, as_json: bool) -> None:
     """Do the arm table and the measurements belong together?
 
-    Exit status 0 if they do, 1 if something has to be put right first.
+    Exit status 0 if they do, 1 if something has to be corrected first.
 
     \b
     Example:
@@ -99,7 +99,7 @@ def diagnose_command(
     as_json: bool,
     report_path: Path | None,
 ) -> None:
-    """Which physical effect is missing? Probabilities for every effect and joint, and for none of them.
+    """Which physical effect is missing? A probability for every effect and joint, and for nothing missing.
 
     \b
     Example:
@@ -143,7 +143,7 @@ def diagnose_command(
     "model_path",
     type=FILE_OUT,
     default=None,
-    help="Model file to fit and write, a new one if there is none.  [default: DH errors, not written]",
+    help="Model file to fit and write; created if there is none.  [default: DH errors, not written]",
 )
 @EFFECTS
 @JSON
@@ -157,7 +157,7 @@ def fit_command(
     """Fit the model and show how the held-out error falls from model to model, down to the noise floor.
 
     The values are written into the model file, for `kincal model export`. A model without effects is plain
-    DH calibration; a file that is not there yet becomes one.
+    DH calibration; a new model file starts as one.
 
     \b
     Examples:
@@ -182,9 +182,9 @@ def fit_command(
         where, new = place_of(arm_path), not model_path.exists()
         replace_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
         if new:
-            click.echo(f"{model_path}: a new model, {text.names(chosen)}", err=True)
+            click.echo(f"{model_path}: new model, {text.names(chosen)}", err=True)
     else:
-        click.echo("nothing was written: --model M.toml keeps the fit, for `kincal model export`", err=True)
+        click.echo("nothing was written: --model M.toml keeps the fit for `kincal model export`", err=True)
     click.echo(said)
 
 
@@ -212,7 +212,7 @@ def fit_command(
     "space_path",
     type=FILE,
     default=None,
-    help="Description of a search space (TOML): poses in which its shapes touch are left out.",
+    help="Description of a search space (TOML): poses in which its shapes touch are excluded.",
 )
 @tables_option("With --space: directory with the arm and camera tables that its shapes stand on.")
 @click.option(
@@ -238,10 +238,9 @@ def next_command(
     out_path: Path | None,
     names: tuple[str, ...],
 ) -> None:
-    """The poses that separate two or more alternative effects best.
+    """The poses that best separate two or more alternative effects.
 
-    They lie where poses were measured: tool positions, joint ranges, directions of the tool, view of the
-    camera.
+    They stay within what was measured: tool positions, joint ranges, tool directions, and the camera's view.
 
     \b
     Examples:

@@ -38,7 +38,7 @@ def lines(answer: Check) -> str:
     if answer.misfit is None and not answer.errors:
         verdict = "cannot be compared"
     elif not answer.ok and not answer.errors:
-        verdict += ", but something has to be put right first"
+        verdict += ", but something has to be corrected first"
     left = (
         ""
         if answer.misfit is None

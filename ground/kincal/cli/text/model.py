@@ -81,7 +81,7 @@ def additions(found: Found) -> Iterator[str]:
         yield from _addition(a)
     added = [str(a.effect.name) for a in found.additions]
     for name in dict.fromkeys(g.effect for g in found.against):
-        done = "added as asked for" if name in added else "not added"
+        done = "added as requested" if name in added else "not added"
         yield f"NOT recommended: {name}: {explain.harms(found.against, name)}; {done}"
     every = found.all_of_them
     if every is None:
@@ -95,7 +95,7 @@ def additions(found: Found) -> Iterator[str]:
         yield "unnamed: nothing to add: no smooth function predicts left-out poses better and harms no others"
     if not every.steps:
         return
-    held = f"held-out error with all of them {every.held_pos_m * 1e3:.3f} mm"
+    held = f"held-out error with all of them: {every.held_pos_m * 1e3:.3f} mm"
     yield f"unnamed: {len(every.steps)} added" + (f"; {held}" if isfinite(every.held_pos_m) else "")
 
 
@@ -104,8 +104,9 @@ def _addition(a: Addition) -> Iterator[str]:
     gain = a.held or a.crossed
     low, high = gain.interval
     by = "held-out poses" if a.held else "cross-validation"
-    verdict = "they gain" if gain.gains else "they get worse" if low > 1.0 else "no gain is shown"
-    yield f"{a.effect.name}: {len(parameters)} coefficients ({a.effect.family})"
+    verdict = "improved" if gain.gains else "worse" if low > 1.0 else "no improvement is shown"
+    count = "1 coefficient" if len(parameters) == 1 else f"{len(parameters)} coefficients"
+    yield f"{a.effect.name}: {count} ({a.effect.family})"
     yield from (_term_line(p.name, term) for p in parameters for term in p.term)
     yield (
         f"{by}: {gain.before_m * 1e3:.3f} -> {gain.after_m * 1e3:.3f} mm, ratio "
@@ -120,7 +121,7 @@ def _term_line(name: str, term: TermEntry) -> str:
 
 def names(model: ModelFile) -> str:
     """The effects of a model in one line."""
-    return ", ".join(model.texts) or "no effect (DH only)"
+    return ", ".join(model.texts) or "no effects (DH only)"
 
 
 def contents_json(model: ModelFile) -> dict[str, Any]:
@@ -141,12 +142,12 @@ def contents(model: ModelFile) -> str:
         for name, (value, std_err) in model.values.items()
         if _belongs(name.partition(".")[0], model)
     ]
-    return "\n".join([*(model.texts or ("no effect (DH only)",)), *fitted])
+    return "\n".join([*(model.texts or ("no effects (DH only)",)), *fitted])
 
 
 _WITHOUT_EFFECTS = (
-    "  --format python and --format c hold them",
-    "  the best DH table or URDF alone comes from a model that is fitted without them",
+    "  --format python and --format c contain them",
+    "  for the best DH table or URDF alone, fit a model without them",
 )
 
 
@@ -159,7 +160,7 @@ def left_out(made: Exported, form: str, fit: FitEntry | None) -> str:
     """What the format does not hold, which ones do, and the error of what was written; fit: of the model."""
     return "\n".join(
         [
-            f"warning: --format {form} cannot hold these effects (mm: RMS over the fitted poses):",
+            f"warning: --format {form} cannot represent these effects (mm: RMS over the fitted poses):",
             *(f"  {one}" for one in made.left_out),
             *_without_them(made, form, fit),
         ]
@@ -183,7 +184,7 @@ def _without_them(made: Exported, form: str, fit: FitEntry | None) -> Iterator[s
                 f"  {exported:.3f} mm on these poses with the table that was written (`compare --arm`), "
                 "which is fitted to all poses"
             )
-    yield "  --format urdf, json, python and c hold it"
+    yield "  --format urdf, json, python and c contain it"
 
 
 def predicted(p: Predicted) -> str:
@@ -193,11 +194,11 @@ def predicted(p: Predicted) -> str:
         + ("" if p.fitted else "; the model was fitted to other files"),
         *([f"skipped: {p.skipped} malformed rows"] if p.skipped else []),
         f"nominal arm        {_error(p.nominal)} in the base and tool frame that the fit found",
-        f"fitted model       {_error(p.model)}, at most {_error(p.largest)}",
+        f"fitted model       {_error(p.model)}, largest {_error(p.largest)}",
         f"when it was fitted {'unknown: no poses were held out' if p.held is None else _error(p.held)}"
         + (" on held-out poses" if p.held else ""),
     ]
-    lines += [f"note: the model was fitted to {file}: this is no prediction" for file in p.fitted]
+    lines += [f"note: the model was fitted to {file}: this is not a prediction" for file in p.fitted]
     return "\n".join(
         [*lines, "worst poses        " + "; ".join(f"{w.id} {_error((w.pos_m, w.rot_rad))}" for w in p.worst)]
     )

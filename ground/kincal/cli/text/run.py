@@ -63,7 +63,7 @@ def run_end(out: Console, r: RunResult, files: Sequence[Path], log: Path) -> Non
         coefs(out, r.coefs)
     _held_out(out, r)
     fit = (
-        f"; rank {r.rank} of {r.n_free}; p of the fit {r.p_fit:.3f}; p of no change {r.p_no_change:.2g}"
+        f"; rank {r.rank} of {r.n_free}; p of the fit {r.p_fit:.3f}; p if nothing changed {r.p_no_change:.2g}"
         if r.n_free
         else ""
     )

@@ -183,7 +183,7 @@ function tabs() {
 
 async function found() {
   if (!parts) return;
-  if (!state?.answers.diagnose) { show(parts.found, el("h2", {}, "Findings"), el("p", { class: "muted" }, "Diagnose names what the model lacks; it can be added from here.")); return; }
+  if (!state?.answers.diagnose) { show(parts.found, el("h2", {}, "Findings"), el("p", { class: "muted" }, "Diagnose names the effects that the model lacks; they can be added from here.")); return; }
   let got = answer?.what === "diagnose" ? answer : null;
   if (!got) { try { got = await ask("bench/answer/diagnose"); } catch { return; } }
   if (!parts) return;
@@ -192,10 +192,10 @@ async function found() {
   const same = got.key.arm === state.case.arm && got.key.data === state.case.data;
   show(parts.found, el("h2", {}, "Findings"),
     same ? null : el("p", { class: "attention" }, "▲ of other measurements than the chosen ones"),
-    same && all.length ? el("button", { type: "button", class: "primary", onclick: () => add(...all) }, `add all ${all.length} that were found`) : null,
+    same && all.length ? el("button", { type: "button", class: "primary", onclick: () => add(...all) }, `add all ${all.length} effects found`) : null,
     got.findings.length ? el("ul", {}, got.findings.map((f) => el("li", {},
       el("p", {}, mark(f.found ? "ok" : "unknown", f.found ? "found" : "alternative"), " ", el("b", {}, f.label), ` ${f.found ? "found" : "alternative"}, P = ${f.probability.toFixed(2)}`),
-      el("p", { class: "small" }, f.gain), f.confounded.length ? el("p", { class: "small attention" }, `▲ cannot be told from ${f.confounded.slice(0, 4).join(", ")}`) : null,
+      el("p", { class: "small" }, f.gain), f.confounded.length ? el("p", { class: "small attention" }, `▲ cannot be distinguished from ${f.confounded.slice(0, 4).join(", ")}`) : null,
       mine.has(f.name) ? el("span", { class: "muted" }, "in the model") : same ? el("button", { type: "button", onclick: () => add(f.name) }, "add") : null)))
-      : el("p", {}, "● Nothing is missing that these measurements could show."));
+      : el("p", {}, "● These measurements show no missing effect."));
 }

@@ -158,11 +158,11 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
         yield Finding(
             "wrong_arm",
             f"even with all DH errors fitted, {rest} of the measured motion is left unexplained: the arm "
-            "table is of another arm, or the poses do not belong to these readings (no other units, orders, "
-            "signs or axes of joints, positions and orientations explain it)",
+            "table is of another arm, or the poses do not belong to these readings (no change of units, "
+            "order, signs or axes explains it)",
             "check the DH table against the data sheet, that each row holds the pose of its own readings, "
-            "and that neither base nor measuring device was moved during the session (if so: a file for each "
-            "part)",
+            "and that neither base nor measuring device was moved during the session (if so, use a file for "
+            "each part)",
         )
         return
     if off.any():
@@ -217,8 +217,8 @@ def _outliers(fit: Fit, data: Measurements, off: Mask) -> Finding:
         "outliers",
         f"{len(names)} of {data.n} poses are off by {_size(r[off])} (RMS), the others by {_size(r[~off])}: "
         f"{shown}",
-        "find out what is wrong with them (target moved or mistaken, rows of another arm, pose before the "
-        f"arm stood still), mend them or leave them out: --exclude {','.join(names)}",
+        "find out what is wrong with them (target moved or confused with another, rows of another arm, "
+        f"measured before the arm stood still), correct them or leave them out: --exclude {','.join(names)}",
         severity="warning" if many else "note",
         poses=names,
     )

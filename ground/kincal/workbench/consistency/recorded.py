@@ -52,8 +52,8 @@ def _duplicates(data: Measurements) -> Iterator[Finding]:
     )
     yield Finding(
         "duplicates",
-        f"{data.duplicates} of {rows} rows repeat another row {digits}; they were left out: a copy is no "
-        "replicate, which is approached and measured anew",
+        f"{data.duplicates} of {rows} rows repeat another row {digits}; they were left out: a copy is not a "
+        "replicate, which is approached and measured again",
         "the file looks doubled; give every row once" if doubled else "give every row once",
         severity="error" if doubled else "warning",
     )
@@ -70,9 +70,9 @@ def _too_alike(data: Measurements) -> Iterator[Finding]:
     if dof >= _LEAST_REPEATS and spread_m < _BEST_DEVICE_M:
         yield Finding(
             "replicates",
-            f"{dof} repeated measurements differ by {spread_m * 1e6:.2g} um (RMS), laser trackers have 10: "
-            "they look like copies, or like readings of an arm that did not move in between",
-            "give each measurement once; a replicate is approached and measured anew",
+            f"{dof} repeated measurements differ by {spread_m * 1e6:.2g} um (RMS), while laser trackers have "
+            "10: they look like copies, or like readings of an arm that did not move in between",
+            "give each measurement once; a replicate is approached and measured again",
             severity="warning",
         )
 
@@ -86,7 +86,7 @@ def _frozen(data: Measurements) -> Iterator[Finding]:
         yield Finding(
             "frozen",
             f"from pose {where} on the measured position is the same to the last digit while joints move",
-            "take out the rows in which the sensor did not follow",
+            "remove the rows in which the sensor did not follow",
             severity="warning",
         )
 

@@ -12,6 +12,7 @@ from .measurements import SAME_POSE, Measurements
 
 _LEAST_POSES = 10  # fewer rows can be sorted by chance
 _DISTINCT = 0.9  # share of different values from which on a sorted column is no grid
+_RANDOM = 0.8  # of the mean square of steps, in units of its mean for a random order
 _TURNS = 0.25  # of the moves: another joint that turns back so often was not led by the sorted one
 
 
@@ -34,6 +35,17 @@ def with_direction(data: Measurements) -> Measurements:
 def order_of_measurement(data: Measurements) -> Indices | None:
     """(N,) the poses in the order in which they were measured; None if the rows are evidently in another."""
     return None if _why_not(data) else _by_time(data)
+
+
+def in_random_order(data: Measurements) -> bool:
+    """Consecutive poses are as far apart as any two (von Neumann, Ann. Math. Statist. 12, 1941)."""
+    order = order_of_measurement(data)
+    if order is None or data.n < _LEAST_POSES:
+        return False
+    q = data.q[order]
+    moved = q.std(axis=0) > SAME_POSE
+    ratio = (np.diff(q[:, moved], axis=0) ** 2).mean(axis=0) / (2.0 * q[:, moved].var(axis=0))
+    return bool(moved.any() and ratio.mean() > _RANDOM)
 
 
 def _by_time(data: Measurements) -> Indices:

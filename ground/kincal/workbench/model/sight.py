@@ -167,9 +167,8 @@ def in_words(arm: ArmTable, data: Measurements) -> str:
     if not parts:
         return ""
     return (
-        "effects of the camera act through all points of its target. The arm table does not say what these "
-        f"are; several are tried: {', seen by '.join(parts)}. To state them: "
-        f"{' and '.join(_keys(assumed))}"
+        "camera effects act on all points of the target. The arm table does not give these, so several "
+        f"assumptions are tried: {', seen by '.join(parts)}. To give them: {' and '.join(_keys(assumed))}"
     )
 
 
@@ -178,7 +177,7 @@ def _target_in_words(data: Measurements) -> tuple[str]:
     assert found is not None  # sees_points said so
     (x, y, _), distance = found
     sizes = ", ".join(f"{fill:g}" for fill in sorted(FILLS))
-    where = f"about ({x:.3f}, {y:.3f}, 0) m of its frame, where the camera looked from {distance:.2f} m"
+    where = f"at ({x:.3f}, {y:.3f}, 0) m in its frame, where the camera looked, {distance:.2f} m away"
     return (f"a square board {where}, {sizes} times as wide as the image there",)
 
 

@@ -203,11 +203,11 @@ def _drops(names: Sequence[str]) -> str:
 def _no_room(table: KcTerms, flown: Flown, cramped: _Cramped, drop: Sequence[str]) -> BadInput:
     place, does, allowed = tightest(flown, table, cramped.coef, cramped.value)
     return BadInput(
-        f"{cramped.name} of {cramped.value:.3g} can make up to {does:.3g} {place_text(place)}; the bounds of "
-        f"all that acts there may add up to {allowed:.3g}, a tenth more than the search space was verified "
-        "for",
-        todo="verify a search space for larger `error_bounds` (docs/SPACES.md), or leave out what has no "
-        f"room in this one: {_drops(drop)}",
+        f"{cramped.name} of {cramped.value:.3g} can cause up to {does:.3g} {place_text(place)}; the bounds "
+        f"of all that acts there may add up to {allowed:.3g}, a tenth more than the search space was "
+        "verified for",
+        todo="verify a search space for larger `error_bounds` (docs/SPACES.md), or leave out what does not "
+        f"fit in this one: {_drops(drop)}",
     )
 
 
@@ -223,8 +223,9 @@ def _leave_out(arm: ArmTable, hypotheses: Sequence[Hypothesis], flown: Flown, mo
         return f"`kincal model fit` first, then this says what to leave out; coefficients by effect: {sizes}"
     go = _to_drop(arm, hypotheses, flown, model, order)
     lines = [
-        "leave out what the poses of the last fit show least, and what the search space has no room for. In",
-        "  order of removal, with the rise of chi^2 (about 1 for each coefficient that means nothing):",
+        "leave out the effects that the poses of the last fit show least, and those that do not fit in the",
+        "  search space. In order of removal, with the increase of chi^2 (about 1 for each insignificant",
+        "  coefficient):",
         f"    {'effect':<32} coefficients  terms  chi^2 lost  for each coefficient",
         *(
             f"    {x.name:<32} {x.coefficients:>12} {x.terms:>6} {x.chi2:>11.1f} {x.each:>21.1f}"

@@ -94,7 +94,7 @@ def _worse_calibrated(d: Diagnosis, inputs: Inputs) -> Step | None:
     if inputs.model or not errors or DH not in errors or errors[DH] < errors[NOMINAL]:
         return None
     return Step(
-        "measure more poses, and calibrate nothing with these alone: after DH calibration held-out poses are "
+        "measure more poses, and do not calibrate with these alone: after DH calibration, held-out poses are "
         f"predicted worse than by the nominal arm ({_fall(errors[NOMINAL], errors[DH])})",
         _kincal("check", *inputs.sources),
     )
@@ -109,12 +109,12 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     if _measured(d) and DH in errors:
         gain = f" ({_gain((errors[NOMINAL].pos_m, errors[NOMINAL].usual[0]), errors[DH])})"
     yield Step(
-        f"calibrate lengths, angles and frames of the arm{gain}",
+        f"calibrate the DH parameters and frames of the arm{gain}",
         _kincal("fit", *inputs.sources, *inputs.written),
     )
     table = d.comparison.table_errors
-    less = f"; a table leaves some of it out: held-out error {table.held[0] * 1e3:.3f} mm" if table else ""
-    yield _export(inputs, f"take that arm away as a table (also urdf, json, python, c{less})", "dh")
+    less = f"; a DH table cannot hold all of it: held-out error {table.held[0] * 1e3:.3f} mm" if table else ""
+    yield _export(inputs, f"export the calibrated arm as a DH table (also urdf, json, python, c{less})", "dh")
 
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
@@ -122,23 +122,23 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     smooth = [] if d.novel is None or d.exhausted else [*_smooth(d.novel, inputs)]
     if change.removed:
         yield Step(
-            "take out what is found at more joints",
+            "remove effects that were now found at more joints",
             _kincal("remove", *inputs.written, *(split_constants(text)[0] for text in change.removed)),
         )
     if change.added:
         given = d.comparison.rms["held"][0], [*d.comparison.errors_without(d.outliers.ids).values()][-1][0]
         gain = f" ({_gain(given, change.errors[-1])})" if _measured(d) else ""
         yield Step(
-            f"add what was found{gain}{_only_predicting(d)}",
+            f"add the effects that were found{gain}{_only_predicting(d)}",
             _kincal("add", *inputs.written, *inputs.library, *change.added),
         )
     yield from smooth
     if change.added or smooth or inputs.model:
         yield Step(
-            "fit it and see what each effect brings",
+            "fit the model and see how much each effect helps",
             _kincal("fit", *inputs.sources, *inputs.written, *inputs.library),
         )
-        yield _export(inputs, "take the arm with all effects away as source code (also c)", "python")
+        yield _export(inputs, "export the arm with all effects as source code (also c)", "python")
 
 
 def _smooth(u: UnnamedFinding, inputs: Inputs) -> Iterator[Step]:
@@ -146,13 +146,13 @@ def _smooth(u: UnnamedFinding, inputs: Inputs) -> Iterator[Step]:
     words = (*inputs.written, *inputs.library, *inputs.sources)
     if UnnamedName.parse(u.name).of_time and u.curves and u.held.gains:
         yield Step(
-            "add a smooth function of time to describe these poses; it predicts none that are measured "
-            "later: look for what moves or warms up",
+            "add a smooth function of time: it describes these poses, but cannot predict later ones; look "
+            "for what moves or warms up",
             _kincal("add", *words, u.name),
         )
     yield Step(
-        "add smooth functions for what has no name, as many as cross-validation of the fitted poses asks for "
-        "and held-out poses do not refute",
+        "add smooth functions for what no named effect explains, as many as improve cross-validation without "
+        "making held-out poses worse",
         _kincal("add", *words, UNNAMED),
     )
 
@@ -162,9 +162,9 @@ def _only_predicting(d: Diagnosis) -> str:
     names = [e.name for e in d.effects if e.role == "helps"]
     if not names:
         return ""
-    verb = "predicts" if len(names) == 1 else "predict"
-    why = "while something unnamed explains more" if d.novel is not None else "while others explain more"
-    return f"; {explain.listed(names)} {verb} better in cross-validation, {why}: no cause is shown"
+    verb = "improves" if len(names) == 1 else "improve"
+    more = "something unnamed explains" if d.novel is not None else "others explain"
+    return f"; {explain.listed(names)} {verb} cross-validation, but {more} more: no cause is shown"
 
 
 def _measured(d: Diagnosis) -> bool:
@@ -175,7 +175,7 @@ def _gain(before_m: tuple[float, float], after: NestedModel) -> str:
     """From an error, with and without outliers, to that of a model; without outliers where there are some."""
     if after.usual[0] == after.pos_m:
         return f"held-out error {_fall(before_m[0], after.pos_m)}"
-    return f"held-out error without outliers {_fall(before_m[1], after.usual[0])}"
+    return f"held-out error, outliers excluded, {_fall(before_m[1], after.usual[0])}"
 
 
 def _fall(before_m: float, after_m: float) -> str:
@@ -189,11 +189,11 @@ def _export(inputs: Inputs, why: str, form: str) -> Step:
 
 def _measuring(poses: Sequence[NextPose], inputs: Inputs) -> Iterator[Step]:
     if poses and not would_decide(poses):
-        why = f"tell {explain.listed(poses[0].separates)} apart: {explain.would_not_decide(poses)}"
+        why = f"to tell {explain.listed(poses[0].separates)} apart, {explain.would_not_decide(poses)}"
         yield Step(why, _kincal("effects", *inputs.library))
     elif poses:
         names = poses[0].separates
-        why = f"poses that separate {explain.listed(names)}"
+        why = f"measure poses that separate {explain.listed(names)}"
         words = (*inputs.sources, *inputs.diagnosed, "--count", str(len(poses)), *names)
         yield Step(why, _kincal("next", *words))
 
@@ -202,14 +202,16 @@ def _excluding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     ids = d.outliers.ids
     if len(ids) > _NAMED:
         words = (*inputs.sources, *inputs.diagnosed)
-        yield Step(f"look at the {len(ids)} outliers: so many are no chance", _kincal("compare", *words))
+        yield Step(f"check the {len(ids)} outliers: so many are not chance", _kincal("compare", *words))
     elif ids:
         words = (*inputs.sources, *inputs.diagnosed, "--exclude", ",".join(ids))
         if d.outliers.clusters:
-            why = f"{explain.outlier_note(d.outliers)}: measure more there; to leave them out hides it"
+            why = f"{explain.outlier_note(d.outliers)}; measure more there: excluding them would hide it"
             yield Step(why, _kincal("compare", *inputs.sources, *inputs.diagnosed))
         else:
-            yield Step(f"look at {explain.outliers_left(d)}; without them", _kincal("diagnose", *words))
+            them = "it" if len(ids) == 1 else "them"
+            why = f"check {explain.outliers_left(d)}; to repeat without {them}:"
+            yield Step(why, _kincal("diagnose", *words))
 
 
 def _outliers_count(d: Diagnosis) -> bool:

@@ -245,7 +245,7 @@ def _text(position_m: float | None, rotation_rad: float | None) -> str:
 def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
     """Numbers, what is left and where, and the worst poses. serial: noise that a diagnosis found to be
     correlated in time."""
-    untested = "cannot be tested: nothing says how large the noise is"
+    untested = "cannot be tested: the noise level is unknown"
     against = REPLICATES if c.noise_floor.source == REPLICATES else "the stated noise"
     p_text = untested if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}, against {against}"
     lines = [
@@ -256,9 +256,9 @@ def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
         f"reachable          {_reachable_text(c)}",
         f"noise floor        {_floor_text(c.noise_floor)}",
         *design_lines(c),
-        f"chi2 per degree    {c.chi2_per_dof:.3f} {_unit_of_chi2(c)}",
+        f"chi2 / dof         {c.chi2_per_dof:.3f} {_unit_of_chi2(c)}",
         f"lack of fit        {p_text}",
-        f"left over          {explain.left_over(c)}",
+        f"residual           {explain.left_over(c)}",
         *([f"unseen poses       {explain.unseen(c)}"] if c.p_unseen is not None else []),
         f"verdict            {explain.adequacy(c, serial)}",
         "",
@@ -270,8 +270,10 @@ def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
 def _unit_of_chi2(c: Comparison) -> str:
     """What the residuals are divided by."""
     if c.data.cov is not None:
-        return "(of the stated noise)"
-    return "(of 1 mm: no noise is stated)" if c.components == 3 else "(of the noise that the residuals show)"
+        return "(relative to the stated noise)"
+    if c.components == 3:
+        return "(relative to 1 mm: no noise is stated)"
+    return "(relative to the noise estimated from the residuals)"
 
 
 def _error_lines(c: Comparison) -> list[str]:
@@ -315,14 +317,14 @@ def _rest_lines(c: Comparison) -> list[str]:
     worst = ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses)
     note = explain.outlier_note(c.outliers)
     return [
-        "where the rest is (share of what is left, p-value):",
+        "where the residual comes from (share of it, p-value):",
         *[
             f"  {explain.in_words(w.variable):<38}at {w.at:<18}{w.share_of_variance:7.1%}"
             f"   p = {w.p_value:.2g}"
             for w in c.where[:6]
         ],
         "",
-        f"worst poses (sigma of what is left): {worst}",
+        f"worst poses (in sigma of the residual): {worst}",
         f"outliers of {_model_text(c)}: " + (", ".join(c.outliers.ids) or "none"),
         *([note] if note else []),
         *explain.notes(c),
@@ -339,7 +341,7 @@ def poses_text(poses: Sequence[NextPose]) -> str:
         return ""
     lines = [
         f"next poses, to separate {', '.join(poses[0].separates)} (power: chance that the true one then",
-        "exceeds P = 0.90; each line counts the poses above too):",
+        "exceeds P = 0.90, with this pose and those above it):",
     ]
     for k, p in enumerate(poses, 1):
         sign = "" if p.direction is None else "  approach " + " ".join(f"{s:+d}" for s in p.direction)
@@ -347,7 +349,7 @@ def poses_text(poses: Sequence[NextPose]) -> str:
     last = poses[-1]
     expected = explain.probability(last.probability)
     lines += [
-        f"with all {len(poses)} of them the true effect is expected to reach {expected} against the nearest",
+        f"with all {len(poses)} of them, the true effect is expected to reach {expected} against the nearest",
         f"alternative (squared distance d2 = {last.d2:.1f})",
     ]
     if not would_decide(poses):

@@ -36,8 +36,8 @@ def design_lines(c: Comparison) -> Iterator[str]:
     """Parameters, rank and condition; what cannot be told apart; residuals by axis."""
     x = c.identifiability
     yield (
-        f"parameters         {x.parameters}, rank {x.rank}, {x.determined} known better than by their "
-        f"priors, condition {x.condition:.3g}"
+        f"parameters         {x.determined} of {x.parameters} constrained by the data, rank {x.rank}, "
+        f"condition {x.condition:.3g}"
     )
     yield from _correlated_lines(x)
     yield from _group_lines(x)
@@ -54,10 +54,10 @@ def _group_lines(x: Identifiability) -> Iterator[str]:
     several = [group for group in x.not_separate if len(group) > 1]
     alone = [group[0] for group in x.not_separate if len(group) == 1]
     if several:
-        yield "not identifiable   each for itself, only what they do together:"
+        yield "not identifiable   one by one, only in combination:"
         yield from (f"                     {', '.join(group)}" for group in several)
     if alone:
-        yield f"without effect     at these poses: {', '.join(alone)}"
+        yield f"no effect          at these poses: {', '.join(alone)}"
 
 
 def _axes_lines(c: Comparison) -> Iterator[str]:

@@ -42,19 +42,20 @@ def _next(steps: Sequence[Step], poses: Sequence[NextPose]) -> list[str]:
 
 def _found(d: Diagnosis) -> Iterator[str]:
     nothing = explain.probability(d.probability_none)
-    yield from ("", f'what may be missing ("nothing": {nothing} against all that competes):')
+    yield from ("", f'what may be missing ("nothing missing": {nothing} against all of these):')
     if d.novel is not None:
         yield from _unnamed_lines(d.novel)
     for e in d.effects:
         yield from _effect_lines(e, d)
     if d.effects:
         yield from (
-            "  * added and shown to help: poses that were not fitted gain, and P, where one is stated, is at",
-            "  least one half; + added, undecided: the interval of the ratio reaches 1, or P is less than",
-            "  one half; the others are alternatives. Ratio: the final model with the effect over that",
-            "  without. P = evidence x support x identity: it explains these poses, it helps poses that were",
-            "  not fitted, it is what its name says. P holds for this library and its priors, and is not",
-            "  stated where something unnamed explains more; 'consistent with' is not 'proven'.",
+            "  * added and shown to help: poses that were not fitted are predicted better, and P, where",
+            "  stated, is at least 0.5; + added, undecided: the interval of the ratio reaches 1, or P is",
+            "  below 0.5; the others are alternatives. Ratio: error of the final model with the effect /",
+            "  without it. P = evidence x support x identity: the effect explains these poses, helps on",
+            "  poses that were not fitted, and is what its name says. P depends on this library and its",
+            "  priors, and is not stated where something unnamed explains more. 'Consistent with' does not",
+            "  mean 'proven'.",
         )
 
 
@@ -88,12 +89,12 @@ def _details(d: Diagnosis) -> Iterator[str]:
 
 def _remainder_lines(d: Diagnosis) -> Iterator[str]:
     found = [
-        f"{w.at} by {explain.in_words(w.variable)} ({w.share_of_variance:.0%})"
+        f"{w.at} vs {explain.in_words(w.variable)} ({explain.percent(w.share_of_variance)})"
         for w in d.remainder.where
         if w.p_value < 0.001
     ]
     if found:
-        yield f"what the final model leaves is at {', '.join(found)}"
+        yield f"residual of the final model: {', '.join(found)}"
 
 
 def not_testable_lines(effects: Sequence[Untestable]) -> list[str]:

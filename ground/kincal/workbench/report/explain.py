@@ -6,10 +6,11 @@ import math
 from collections.abc import Sequence
 
 from ..comparison.compare import Comparison
+from ..data.direction import in_random_order
 from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from ..diagnosis.suggestions import Suggestion
-from ..evidence.adequacy import REPLICATES, STRUCTURE_P, Outliers
+from ..evidence.adequacy import REPLICATES, STRUCTURE_P, UNKNOWN, Outliers
 from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..model import sight
@@ -23,10 +24,10 @@ LIKELY = 0.5  # probability from which on an effect may be named as found
 
 _DRIVERS = {
     "t": "time",
-    "order": "order in which the poses were taken",
+    "order": "order of measurement",
     "temp": "temperature",
     "payload": "payload",
-    "tag": "tag that was seen",
+    "tag": "tag seen",
     "zcam": "distance along the line of sight",
     "u": "image position, across",
     "v": "image position, down",
@@ -39,6 +40,24 @@ _DRIVERS = {
     "sz": "tool position z",
 }
 _JOINT_DRIVERS = {"tau": "gravity torque", "dir": "approach direction", "qdot": "velocity"}
+_NO_ARTICLE = ("time", "temperature", "tool position")  # of what is said of them in words
+_SLOW = {"t", "order", "temp"}  # what only these change drifts
+_AT = {
+    "base rotation": "base orientation",
+    "base translation": "base position",
+    "tool rotation": "tool orientation on the flange",
+    "tool translation": "tool position on the flange",
+    "camera rotation": "camera orientation",
+    "camera translation": "camera position",
+    "tag rotation": "tag orientation",
+    "tag tilt": "measured tilt of the tag",
+    "range": "measured range",
+}
+_BLOCKS = {
+    "unseen region": "the unseen region",
+    "time block": "the held-out time block",
+    "direction": "the held-out approach direction",
+}
 
 
 def in_words(variable: str) -> str:
@@ -49,22 +68,45 @@ def in_words(variable: str) -> str:
     return _DRIVERS.get(variable, variable)
 
 
+def _in_sentence(variable: str) -> str:
+    """A driver variable inside a sentence: the gravity torque of joint 2."""
+    text = in_words(variable)
+    return text if text == variable or text.startswith(_NO_ARTICLE) else f"the {text}"
+
+
+def _error_at(location: str) -> str:
+    """What is wrong where an error enters: the error of joint 2, the tilt of link 3, the base position."""
+    if location.startswith("link"):
+        return f"the tilt of {location.removesuffix(' tilt')}"
+    return f"the {_AT[location]}" if location in _AT else f"the error of {location}"
+
+
+def percent(share: float) -> str:
+    """A share as a whole number of percent."""
+    return f"{100 * share:.0f} %"
+
+
+def in_block(name: str) -> str:
+    """The poses of a block of nested models, inside a sentence."""
+    return _BLOCKS.get(name, name)
+
+
 def why(e: EffectFinding) -> str:
     """One sentence about what speaks for an effect, and what restricts that. A probability is said only of
     what won or competes by it."""
     text = (
-        f"consistent with {e.label}: its pattern explains {e.explained_share:.0%} of what the model "
-        f"without it leaves, {held_gain(e.held)}"
+        f"consistent with {e.label}: its pattern explains {percent(e.explained_share)} of the residual of "
+        f"the model without it, {held_gain(e.held)}"
     )
     if e.role == "helps":
         text += "; something unnamed explains more, but "
-        text += "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
+        text += "it improves held-out poses" if e.helps else "it improves cross-validation"
     else:
         text += f", probability {e.probability:.2f}{doubts(e)}"
     if e.harms:
         text += "; it harms: not in the model"
     if e.doubts.worse:
-        text += f"; it makes {listed(e.doubts.worse)} much worse: not in the model"
+        text += f"; it makes {listed([*map(in_block, e.doubts.worse)])} much worse: not in the model"
     if e.inferred_direction:
         text += "; approach direction inferred from the order of measurement"
     return text
@@ -76,8 +118,8 @@ def doubts(e: EffectFinding) -> str:
     if d.support == d.identity == 1.0:
         return ""
     return (
-        f" = {d.evidence:.2f} (evidence) x {d.support:.2f} (it helps poses that were not fitted) x "
-        f"{d.identity:.2f} (it is what its name says)"
+        f" = {d.evidence:.2f} (evidence) x {d.support:.2f} (helps on poses that were not fitted) x "
+        f"{d.identity:.2f} (is what its name says)"
     )
 
 
@@ -87,7 +129,7 @@ def held_gain(gain: HeldGain) -> str:
         return "no held-out poses"
     kind = "cross-validated" if gain.cross_validated else "held-out"
     low, high = gain.interval
-    turned = "" if gain.rotation is None else f", of rotations {gain.rotation:.3f}"
+    turned = "" if gain.rotation is None else f", rotation ratio {gain.rotation:.3f}"
     return (
         f"{kind} error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm, ratio "
         f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}){turned}: "
@@ -111,13 +153,13 @@ def against(e: EffectFinding, d: Diagnosis) -> str:
     """What the probability of an effect is against; empty where held-out poses decided."""
     if e.role == "helps":
         return ""
-    return 'against "nothing missing" and the unnamed' if e.accepted else _competitor(d)
+    return 'against "nothing missing" and unnamed effects' if e.accepted else _competitor(d)
 
 
 def _competitor(d: Diagnosis) -> str:
     accepted = [x.name for x in d.effects if x.accepted]
     if accepted:
-        return f"in place of {listed(accepted) if len(accepted) < 3 else 'what was added'}"
+        return f"in place of {listed(accepted) if len(accepted) < 3 else 'the added effects'}"
     if d.novel is not None:
         return f"against an unnamed effect ({probability(d.novel.probability)})"
     return f'against "nothing missing" ({probability(d.probability_none)})'
@@ -141,8 +183,8 @@ def no_gain(n: EffectGain) -> str:
     low, high = n.interval
     verb = "is undecided" if n.judged == "undecided" else n.judged
     return (
-        f"{n.effect} {verb} on {n.block}: error of the whole model over that without it {n.ratio:.3f} "
-        f"(95 % interval {low:.3f} to {high:.3f})"
+        f"{n.effect} {verb} on {in_block(n.block)}: error of the whole model / error without it "
+        f"{n.ratio:.3f} (95 % interval {low:.3f} to {high:.3f})"
     )
 
 
@@ -150,7 +192,7 @@ def not_recommended(nested: NestedModels) -> list[str]:
     """Effects that a fit speaks against, each with the blocks where it does harm; empty if there are none."""
     return [
         f"NOT recommended: {name}: {harms(nested.against, name)}; "
-        "leave it out, or measure more where it fails"
+        "leave it out, or measure more poses where it fails"
         for name in nested.not_recommended
     ]
 
@@ -163,10 +205,10 @@ def harms(against: Sequence[EffectGain], name: str) -> str:
 def _harm(g: EffectGain) -> str:
     if much_worse(g.interval) or g.rotation is None or not much_worse(g.rotation[1]):
         change = f"{g.before_m * 1e3:.3f} to {g.after_m * 1e3:.3f} mm"
-        return f"the error of the {g.block} grows from {change} with it"
+        return f"it increases the error of {in_block(g.block)} from {change}"
     low, high = g.rotation[1]
     return (
-        f"the rotation error of the {g.block} grows {g.rotation[0]:.2f} times with it "
+        f"it multiplies the rotation error of {in_block(g.block)} by {g.rotation[0]:.2f} "
         f"(95 % interval {low:.2f} to {high:.2f})"
     )
 
@@ -176,8 +218,8 @@ def of_session(fit: Fit) -> list[str]:
     names = fit.of_session
     if not names:
         return []
-    verb = "hold" if len(names) > 1 else "holds"
-    return [f"{listed(names)} {verb} for the session of these data only: other data are predicted without"]
+    be, them = ("are", "them") if len(names) > 1 else ("is", "it")
+    return [f"{listed(names)} {be} valid for this session only: other data are predicted without {them}"]
 
 
 _MOST_POSES = 1000  # more is no advice
@@ -187,10 +229,11 @@ _FAR_BELOW = 0.05  # of the known noise: no fit leaves so little
 def would_not_decide(poses: Sequence[NextPose]) -> str:
     """What to do where next poses would hardly tell the effects apart."""
     more = poses_to_decide(poses)
-    many = f"about {more}" if more <= _MOST_POSES else f"more than {_MOST_POSES}"
+    many = f"about {more}" if more <= _MOST_POSES else f"not even {_MOST_POSES}"
+    few = "1 more pose is" if len(poses) == 1 else f"{len(poses)} more poses are"
     return (
-        f"these {len(poses)} would not decide (power {poses[-1].power:.2f}); {many} such poses would have an "
-        "even chance, an inspection of the arm decides: see the inspect lines of `kincal model effects`"
+        f"{few} not enough (power {poses[-1].power:.2f}); {many} would give an even chance; inspecting the "
+        "arm settles it: see the inspect lines of `kincal model effects`"
     )
 
 
@@ -198,18 +241,19 @@ def outlier_note(o: Outliers) -> str:
     """Empty unless the outliers cluster or are many."""
     found = []
     if o.clusters:
-        found += [f"the outliers cluster in {', '.join(o.clusters)}: that is an effect rather than bad poses"]
+        where = ", ".join(o.clusters)
+        found += [f"the outliers cluster in {where}: this points to an effect, not to bad poses"]
     if not o.few:
         many = f"{len(o.ids)} of {o.poses} poses are outliers"
-        found += [f"{many}: a model that leaves out so many does not explain the data"]
+        found += [f"{many}: a model that has to exclude so many does not explain the data"]
     return "; ".join(found)
 
 
 def outliers_left(d: Diagnosis) -> str:
     """The outliers of the final model, in words."""
+    remaining = "remaining " if any(e.in_model for e in d.effects) else ""
     count = len(d.outliers.ids)
-    what = "the outlier" if count == 1 else f"the {count} outliers"
-    return f"{what} that the findings leave" if any(e.in_model for e in d.effects) else what
+    return f"the {remaining}outlier" if count == 1 else f"the {count} {remaining}outliers"
 
 
 def among(o: Outliers, poses: Measurements) -> int:
@@ -220,7 +264,12 @@ def among(o: Outliers, poses: Measurements) -> int:
 def without_outliers(count: int, position_m: float, rotation_rad: float | None) -> str:
     """An error without so many outliers."""
     rotation = "" if rotation_rad is None else f", {rotation_rad * 1e3:.2f} mrad"
-    return f"without {_counted(count, 'outlier')} {position_m * 1e3:.3f} mm{rotation}"
+    return f"{excluded(count)}: {position_m * 1e3:.3f} mm{rotation}"
+
+
+def excluded(count: int) -> str:
+    """That an error is without so many outliers."""
+    return f"{_counted(count, 'outlier')} excluded"
 
 
 def reachable_without(r: Reachable, o: Outliers) -> str:
@@ -237,19 +286,20 @@ def left_over(c: Comparison) -> str:
     """What is left on the fitted poses beside what is known of the noise: stated, estimated or unknown; and
     whether it is noise at all."""
     position = c.rms["fit"][0]
-    known, left = c.noise_floor.pos_m, f"{position * 1e3:.3f} mm are left"
+    known, left = c.noise_floor.pos_m, f"{position * 1e3:.3f} mm"
     if known is None:
-        text = f"{left}; no noise is stated and no pose repeated, so that its size alone tells nothing"
+        repeats = "no repeats" if c.noise_floor.source == UNKNOWN else "too few different repeats"
+        text = f"{left}; with no stated noise and {repeats}, its size alone is inconclusive"
     else:
         kind = "noise estimated from replicates" if c.noise_floor.source == REPLICATES else "stated noise"
         text = f"{left}, {position / known:.2f} times the {kind}"
         if position < _FAR_BELOW * known:
             text += ": is it stated in another unit?"
     if c.p_structure > STRUCTURE_P or not c.where:
-        return f"{text}; it follows no recorded variable"
+        return f"{text}; it depends on no recorded variable"
     first = c.where[0]
-    share = f"{first.share_of_variance:.0%}"
-    return f"{text}; {share} of it follows {in_words(first.variable)} at {first.at}: structure, not noise"
+    share, variable = percent(first.share_of_variance), _in_sentence(first.variable)
+    return f"{text}; {share} of it varies with {variable} at {first.at}: structure, not noise"
 
 
 def unseen(c: Comparison) -> str:
@@ -258,7 +308,7 @@ def unseen(c: Comparison) -> str:
     if c.p_unseen is None:
         return ""
     worse = "as well as" if c.p_unseen > STRUCTURE_P else "worse than"
-    return f"predicted {worse} the noise of the fitted ones allows (p = {c.p_unseen:.3g})"
+    return f"predicted {worse} the noise of the fitted poses allows (p = {c.p_unseen:.3g})"
 
 
 def adequacy(c: Comparison, serial: Serial | None = None) -> str:
@@ -270,18 +320,18 @@ def adequacy(c: Comparison, serial: Serial | None = None) -> str:
     (before, _), *_, (after, _) = c.errors_without(c.outliers.ids).values()
     if after > before:
         return (
-            "the model follows the fitted poses, but predicts held-out poses worse than the nominal arm "
-            f"({before * 1e3:.3f} to {after * 1e3:.3f} mm): measure more poses, and more various ones"
+            "the model fits the fitted poses, but predicts held-out poses worse than the nominal arm "
+            f"({before * 1e3:.3f} to {after * 1e3:.3f} mm): measure more poses, and more varied ones"
         )
     if c.p_lack_of_fit is None:
-        but += "; how large their noise is nobody has said, so that they cannot show more"
+        but += ", as far as can be tested without knowing their noise"
     return f"the model explains these data{but}"
 
 
 def but_for(o: Outliers) -> str:
     """The outliers as an exception, which many are not; empty if there are none."""
     many = "" if o.few else ", too many for a model that explains the data"
-    return f", but for {_counted(len(o.ids), 'outlier')}{many}" if o.ids else ""
+    return f", apart from {_counted(len(o.ids), 'outlier')}{many}" if o.ids else ""
 
 
 def notes(c: Comparison) -> list[str]:
@@ -296,9 +346,9 @@ def reachable_by(r: Reachable) -> str:
     if not r.enough:
         return "too few poses to tell"
     if not r.parts:
-        return "nothing that is left follows a recorded variable"
-    parts = ", ".join(f"{place} by {in_words(variable)}" for place, variable in r.parts)
-    return f"a Gaussian process over every place and recorded variable, most of it {parts}"
+        return "the residual depends on no recorded variable"
+    parts = ", ".join(f"{place} vs {in_words(variable)}" for place, variable in r.parts)
+    return f"Gaussian process regression on all recorded variables; largest parts: {parts}"
 
 
 def not_testable(n: Untestable) -> str:
@@ -310,18 +360,23 @@ def not_testable(n: Untestable) -> str:
 def verdict(d: Diagnosis) -> str:
     """The diagnosis in one sentence, and one more where the noise is correlated in time."""
     found = _verdict(d)
-    return f"{found} {correlated(d.serial)}" if d.serial is not None else found
+    if d.serial is None:
+        return found
+    return f"{found} {correlated(d.serial, random_order=in_random_order(d.comparison.data))}"
 
 
-def correlated(s: Serial) -> str:
-    """That the noise is correlated in time, or may be, and what to do."""
-    common = f"{s.share:.0%} of what the model leaves is common to poses measured one after another"
-    be, beside = ("is", "not to poses") if s.separable else ("may be", "no poses")
-    were = "that were" if s.separable else "were"
+def correlated(s: Serial, *, random_order: bool) -> str:
+    """That the noise is correlated in time, or may be, and what to do; random_order: the poses were measured
+    in such an order already."""
+    be = "is" if s.separable else "may be"
+    but = "but not by nearby poses measured at other times"
+    if not s.separable:
+        but = "and no nearby poses were measured at other times to compare them with"
+    order = "" if random_order else " and in random order"
     return (
-        f"The noise {be} correlated in time: {common}, and {beside} as near {were} measured at another time. "
-        "So only what helps stretches of the session that were held out as a whole counts: measure again at "
-        "rest and in random order, and more poses."
+        f"The noise {be} correlated in time: {percent(s.share)} of the remaining error is shared by "
+        f"consecutive poses {but}. Effects were therefore judged on whole stretches of the session that were "
+        f"held out. To improve: take more poses, at rest{order}."
     )
 
 
@@ -331,19 +386,19 @@ def _verdict(d: Diagnosis) -> str:
     open_ = [e.name for e in taken if not is_shown(e)]
     with_them = _with(listed(shown) if shown else "", open_, d)
     if d.verdict == "adequate" and (d.adequate_after or not d.outliers.may_be_chance):
-        return f"Nothing is missing that these data could show{but_for(d.outliers)}."
+        return f"These data show no missing effect{but_for(d.outliers)}."
     if d.serial is not None and not taken and d.novel is None:
-        return "What is left follows time, and no effect is shown to cause it."
+        return "The remaining error varies with time, and no effect is shown to cause it."
     if d.verdict == "adequate":
-        return "No effect is shown to be missing, and yet the model does not explain these data."
+        return "No effect is shown to be missing, yet the model does not explain these data."
     if d.verdict == "undecidable":
         return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
     if d.verdict == "novel" and d.novel is not None:
-        what = "Something is missing that no effect of the library describes"
+        what = "Something is missing that no effect in the library describes"
         found = f"{what}: {unnamed(d.novel)}{_as_function(d.novel)}"
         if taken:
             return f"{found}; {with_them}."
-        return found + ("; held-out poses do not follow what is recorded" if d.exhausted else "") + "."
+        return found + ("; held-out poses depend on no recorded variable" if d.exhausted else "") + "."
     accepted = [e.name for e in taken if e.accepted and is_shown(e)]
     if not accepted:
         return f"Something is missing, but no effect is shown to help: {with_them}."
@@ -364,28 +419,28 @@ def _with(shown: str, undecided: Sequence[str], d: Diagnosis) -> str:
     """What the effects of the final model bring together: those that are shown to help, in words, and those
     that may or may not."""
     if not undecided:
-        return f"with {shown} {_held_fall(d)}" if shown else ""
+        return f"with {shown}, {_held_fall(d)}" if shown else ""
     open_ = f"{listed(undecided)} (undecided)"
-    return f"with {f'{shown}, and with {open_},' if shown else open_} {_held_fall(d)}"
+    return f"with {f'{shown}, and with {open_}' if shown else open_}, {_held_fall(d)}"
 
 
 def _as_function(u: UnnamedFinding) -> str:
     """What held-out poses say of a smooth function there, unless they gain."""
     if not u.curves or not math.isfinite(u.held.after_m) or u.held.gains:
         return ""
-    return f" (a smooth function of that: {judged(u.held.interval)})"
+    return f" (modelled as a smooth function: {judged(u.held.interval)})"
 
 
 def _held_fall(d: Diagnosis) -> str:
     before, after = d.comparison.rms["held"][0], d.remainder.held_pos_m
     if not (math.isfinite(before) and math.isfinite(after)):
-        return "the poses are explained better (none are held out, so the gain is not measured)"
+        return "the poses fit better (none are held out, so the gain is not measured)"
     what, count = "held-out error", among(d.outliers, d.comparison.measured)
     if count:
-        what += f" without {_counted(count, 'outlier')}"
+        what += f" ({excluded(count)})"
         given = [*d.comparison.errors_without(d.outliers.ids).values()][-1]
         before, after = given[0], d.advised.errors[-1].usual[0]
-    verb = "falls" if after < before else "goes"
+    verb = "falls" if after < before else "changes"
     return f"the {what} {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
 
 
@@ -397,8 +452,12 @@ def _closest(d: Diagnosis) -> str:
 
 
 def unnamed(u: UnnamedFinding) -> str:
-    """What is known of an unnamed effect: joint 1 has an error that follows q1 and q3."""
-    return f"{u.location} has an error that follows {listed([in_words(name) for name in u.depends_on])}"
+    """What is known of an unnamed effect: the error of joint 1 depends on q1 and q3."""
+    where = _error_at(u.location)
+    if tuple(u.depends_on) == ("order",):
+        return f"{where} drifts over the session"
+    verb = "drifts with" if _SLOW.issuperset(u.depends_on) else "depends on"
+    return f"{where} {verb} {listed([_in_sentence(name) for name in u.depends_on])}"
 
 
 def grouped(names: tuple[str, ...]) -> str:
