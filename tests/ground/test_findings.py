@@ -244,16 +244,18 @@ def test_noise_that_is_correlated_in_time_is_said_with_what_to_do(serial, random
 
 
 @pytest.mark.parametrize(
-    ("driver", "interval", "names"),
-    [("q3", (0.3, 0.5), ["unnamed"]),
-     ("t", (0.3, 0.5), ["'unnamed[joint 2: t]'", "unnamed"]),
-     ("t", (0.9, 1.1), ["unnamed"])],
+    ("driver", "interval", "chance", "names"),
+    [("q3", (0.3, 0.5), 0.9, ["unnamed"]),
+     ("t", (0.3, 0.5), 0.9, ["'unnamed[joint 2: t]'", "unnamed"]),
+     ("t", (0.9, 1.1), 0.9, ["unnamed"]),
+     ("q3", (0.9, 1.1), 0.4, [])],
 )  # fmt: skip
-def test_what_follows_time_is_added_by_its_name(found, driver, interval, names):
-    """`add unnamed` was advised alone, which adds no function of time: "nothing to add"."""
+def test_what_follows_time_is_added_by_its_name(found, driver, interval, chance, names):
+    """`add unnamed` was advised alone, which adds no function of time: "nothing to add". What poses that were
+    not fitted do not confirm is not added at all."""
     [e] = [e for e in found.d.effects if e.accepted]
     novel = SimpleNamespace(name=f"unnamed[joint 2: {driver}]", depends_on=(driver,), curves=(None,),
-                            held=replace(e.held, interval=interval))  # fmt: skip
+                            held=replace(e.held, interval=interval), probability=chance)  # fmt: skip
     inputs = advice.Inputs("a.toml", ("--data", "d.csv"))
     steps = [*advice._adding(replace(found.d, verdict="novel", novel=novel), inputs)]
     added = [s.command for s in steps if "unnamed" in s.command]

@@ -50,6 +50,7 @@ CLAIM = 0.9
 MENTION = 0.05
 _SURE_ENOUGH = 0.2  # nothing was accepted and "nothing is missing" is not far behind
 _MAX_ALTERNATIVES = 8
+FOUND = 0.75  # probability from which on something unnamed is found
 _LIKELY = 0.8  # probabilities from here on count alike where effects are ordered
 _BEST_NAMED = 4  # listed where nothing named wins
 _TESTED_FROM = 0.2  # probability by evidence from which on an alternative is tested on unseen poses
@@ -141,7 +142,9 @@ class UnnamedFinding:
     depends on, and simple terms that imitate it.
 
     name: what `kincal model add` takes; held: what held-out poses gain from the smooth function that it adds;
-    curves: that function, fitted to all poses. Both empty where the data do not determine one.
+    curves: that function, fitted to all poses. Both empty where the data do not determine one. probability:
+    by evidence, times that poses which were not fitted gain from the function: noise of a joint's reading
+    favours functions at that joint, too, but predicts nothing.
     """
 
     name: str
@@ -252,7 +255,7 @@ def _verdict(
     none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None, c: Comparison
 ) -> Verdict:
     accepted = [e for e in effects if e.accepted]
-    if novel is not None:
+    if novel is not None and novel.probability >= FOUND:
         return "novel"
     if not accepted:
         refuted = c.outliers.clusters or (c.p_unseen is not None and c.p_unseen <= STRUCTURE_P)
@@ -267,14 +270,14 @@ def unnamed_finding(study: Study, found: Selection) -> UnnamedFinding:
     posterior = found.last
     top = posterior.top_unnamed
     name = UnnamedName.of_cell(top.best.location, top.best.drivers)
-    held, lines = _smooth(study, found.model, name)
+    held, lines, support = _smooth(study, found.model, name)
     return UnnamedFinding(
         name=str(name),
         location=top.best.location,
         depends_on=top.best.drivers,
         suggested_terms=suggest(top.best, posterior.scorer),
         p_value=_unnamed_p(posterior, top),
-        probability=posterior.unnamed,
+        probability=posterior.unnamed * support,
         held=held,
         curves=lines,
     )
@@ -287,16 +290,22 @@ def _unnamed_p(posterior: Posterior, top: Scored[Cell]) -> float:
     return min(1.0, posterior.tries * scaled_p(top, posterior.scorer.scale))
 
 
-def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tuple[Curve, ...]]:
+def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tuple[Curve, ...], float]:
     """What held-out poses gain from a smooth function of this name beside a model, its terms chosen without
-    them; and the function fitted to all poses."""
-    part = study.held_fit(model) if study.has_held_out else study.fit(model)
-    try:
-        effect = smooth_effect(name, Scorer(part, bulk_weights(part), study.stated))
-    except CannotAnswer:
-        return NO_HELD_OUT, ()
-    h = effect.hypothesis
-    return study.held_gain(model, h), curves(study.fit((*model, h)), h)
+    them; the function fitted to all poses; and the probability that it helps poses that were not fitted."""
+
+    def chosen(fit: Fit) -> Hypothesis | None:
+        try:
+            return smooth_effect(name, Scorer(fit, bulk_weights(fit), study.stated)).hypothesis
+        except CannotAnswer:
+            return None
+
+    h = chosen(study.held_fit(model) if study.has_held_out else study.fit(model))
+    if h is None:
+        return NO_HELD_OUT, (), UNTESTED
+    support = study.support_of(model, chosen)
+    chance = UNTESTED if support is None else support.probability
+    return study.held_gain(model, h), curves(study.fit((*model, h)), h), chance
 
 
 def remainder(study: Study, model: Model, where: Sequence[Where]) -> Remainder:

@@ -280,6 +280,26 @@ class Study:
             groups = _together(groups, self._pool.n, held)
         return of_turns(before, after, TURNS, groups).beside(self._worse_blocks(without, with_it))
 
+    def support_of(self, model: Model, chosen: Callable[[Fit], Hypothesis | None]) -> Support | None:
+        """The same for an effect whose terms are chosen from the data, beside a model: in each turn from the
+        poses that are fitted, since terms chosen from all of them know those that are held out. chosen: gives
+        the effect beside a fit, None if it has none; of many poses, a part."""
+        if not self.can_take_turns:
+            return None
+        data = self._pool.take(part_of(self._pool)) if self._pool.n > MANY else self._pool
+        turn = stretches(data, TURNS) if self.in_stretches else folds(data, TURNS)
+        before, after = np.zeros((2, data.n, data.components))
+        for k in np.unique(turn):
+            out = turn == k
+            fit = self._fit_to(data.take(~out), self.base, model)
+            h = chosen(fit)
+            before[out] = after[out] = fit.predict(data.take(out))
+            if h is not None:
+                after[out] = self._fit_to(fit.data, fit, (*model, h)).predict(data.take(out))
+        return of_turns(
+            before, after, TURNS, stretches(data, 2 * TURNS) if self.in_stretches else data.repeats
+        )
+
     def _in_blocks(self, model: Model, near: Model) -> dict[str, Array]:
         """(M, c) residuals [m, rad] of an unseen region, a time block and one direction of approach (of many
         poses, of a part), each predicted by a fit to the other poses that begins where that of `near` is."""

@@ -119,7 +119,8 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     change = d.advised
-    smooth = [] if d.novel is None or d.exhausted else [*_smooth(d.novel, inputs)]
+    likely = d.novel is not None and d.novel.probability >= explain.LIKELY and not d.exhausted
+    smooth = [*_smooth(d.novel, inputs)] if likely and d.novel else []
     if change.removed:
         yield Step(
             "remove effects that were now found at more joints",

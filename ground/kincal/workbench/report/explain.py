@@ -391,6 +391,12 @@ def _verdict(d: Diagnosis) -> str:
         return "The remaining error varies with time, and no effect is shown to cause it."
     if d.verdict == "adequate":
         return "No effect is shown to be missing, yet the model does not explain these data."
+    if d.verdict == "undecidable" and d.novel is not None and not taken:
+        return (
+            f"More than noise of equal size is left, most of it in {_error_at(d.novel.location)}, but no "
+            "effect is shown to predict it: the noise is larger there, or these poses do not determine the "
+            "effect."
+        )
     if d.verdict == "undecidable":
         return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
     if d.verdict == "novel" and d.novel is not None:
@@ -442,6 +448,13 @@ def _held_fall(d: Diagnosis) -> str:
         before, after = given[0], d.advised.errors[-1].usual[0]
     verb = "falls" if after < before else "changes"
     return f"the {what} {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
+
+
+NOISE_LOOKS_ALIKE = (
+    "poses that were not fitted do not confirm it: larger noise at this location (of an encoder, say) looks "
+    "the same"
+)
+"""Of something unnamed that has evidence, but predicts nothing."""
 
 
 def _closest(d: Diagnosis) -> str:
