@@ -35,7 +35,7 @@ def test_a_clock_that_begins_anew_in_a_file_goes_on_after_a_break(jitter):
     np.testing.assert_array_equal(data.t_s[:N], a.t_s)
     np.testing.assert_allclose(np.diff(data.t_s[N:]), np.diff(b.t_s))
     assert data.t_s[N] - data.t_s[N - 1] == pytest.approx(10 * np.median(np.diff(a.t_s)))
-    assert "t_s begins anew where another session begins" in data.notes[-1]
+    assert "t_s starts again where another session begins" in data.notes[-1]
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.2, 0.6])
@@ -65,7 +65,7 @@ def test_files_are_sessions_in_the_order_given(tmp_path):
     data = read_measurements([b, a], 2)
     assert (np.diff(data.t_s) > 0.0).all()
     np.testing.assert_allclose(data.q[:N], session(2).q, atol=1e-8)
-    assert sum("t_s begins anew" in note for note in data.notes) == 1
+    assert sum("t_s starts again" in note for note in data.notes) == 1
     one = read_measurements(a, 2)  # a part of a file beside it is no session of its own
     assert (
         read_measurements([a, written(session(1).take(np.arange(10, 30)), tmp_path / "p.csv")], 2).n == one.n

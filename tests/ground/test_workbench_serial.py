@@ -65,7 +65,7 @@ def eccentric(q):
     return out
 
 
-def test_a_step_at_a_break_and_a_drift_across_it_are_not_told_apart(arm, library):
+def test_a_step_at_a_break_stands_beside_a_drift_across_it(arm, library):
     """A creep that goes on over the hours of a break looks like a jump there."""
     late = np.arange(90) >= 50
 

@@ -210,7 +210,7 @@ def test_what_follows_time_is_named_and_no_function_of_the_pose_stands_for_it(ar
     found = wb.find_unnamed(arm, drifting, ["unnamed"])
     assert found.names == () and str(found.all_of_them.time) == "unnamed[base translation: t]"
     said = "\n".join(text.additions(found))
-    assert "what is left follows time" in said and "nothing to add" not in said
+    assert "the remaining error varies with time" in said and "nothing to add" not in said
     by_name = wb.find_unnamed(arm, drifting, ["unnamed[base translation: t]", "unnamed"])
     assert by_name.names[0] == "unnamed[base translation: t]" and by_name.all_of_them.time is None
 

@@ -88,8 +88,8 @@ def additions(found: Found) -> Iterator[str]:
         return
     if every.time is not None:
         yield (
-            "unnamed: what is left follows time, and no function of the pose can stand for it; to describe "
-            f"these poses, add {str(every.time)!r} by its name"
+            "unnamed: the remaining error varies with time, which no function of the pose can represent; to "
+            f"describe these poses, add {str(every.time)!r} by its name"
         )
     elif not every.steps:
         yield "unnamed: nothing to add: no smooth function predicts left-out poses better and harms no others"
@@ -177,7 +177,7 @@ def _without_them(made: Exported, form: str, fit: FitEntry | None) -> Iterator[s
     if fit is not None and fit.held_mm is not None and held is not None:
         yield (
             f"  error on the held-out poses: {held:.3f} mm with such a table, {fit.held_mm:.3f} mm with all "
-            "that was fitted, both to the other poses"
+            "that was fitted (both fitted to the other poses)"
         )
         if exported is not None and exported != held:
             yield (

@@ -40,8 +40,8 @@ def one_clock(data: Measurements, file: Groups | None = None) -> Measurements:
         return data
     begin = "another session begins" if later == 1 else f"{later} other sessions begin"
     note = (
-        f"t_s begins anew where {begin}: sessions are put one after another, with breaks of "
-        f"{_BREAK:.0f} usual intervals, since nothing says how long they were"
+        f"t_s starts again where {begin}: sessions are put one after another, with breaks of "
+        f"{_BREAK:.0f} usual intervals, since their true lengths are unknown"
     )
     return replace(data, t_s=t_s, notes=(*data.notes, note))
 

@@ -137,6 +137,6 @@ def _note(data: Measurements, used: list[Indices], poses: int) -> str:
     mistakes = (
         f", without {left} far from the others of {'its' if left == 1 else 'their'} pose" if left else ""
     )
-    anew = " (if each was approached anew, times in t_s would show it)" if data.order_is_time else ""
+    anew = " (if each was approached again, times in t_s would show it)" if data.order_is_time else ""
     found = f"{data.n} rows are readings of {poses} poses at rest"
     return f"{found}: each pose counts once, with their mean{mistakes}{anew}"
