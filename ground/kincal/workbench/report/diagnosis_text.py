@@ -76,7 +76,7 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
         f"not in the library: {explain.unnamed(u)} "
         f'({explain.probability(u.probability)} against "nothing missing" and every named effect)',
         *([f'      a smooth function there, "{u.name}": {explain.held_gain(u.held)}'] if u.curves else []),
-        *([f"      {explain.NOISE_LOOKS_ALIKE}"] if u.probability < FOUND else []),
+        *([f"      {explain.MAY_BE_NOISE}"] if u.probability < FOUND else []),
         *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
     ]
 

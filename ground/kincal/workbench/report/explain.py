@@ -450,7 +450,7 @@ def _held_fall(d: Diagnosis) -> str:
     return f"the {what} {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
 
 
-NOISE_LOOKS_ALIKE = (
+MAY_BE_NOISE = (
     "poses that were not fitted do not confirm it: larger noise at this location (of an encoder, say) looks "
     "the same"
 )
