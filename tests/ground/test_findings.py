@@ -255,7 +255,7 @@ def test_what_follows_time_is_added_by_its_name(found, driver, interval, chance,
     not fitted do not confirm is not added at all."""
     [e] = [e for e in found.d.effects if e.accepted]
     novel = SimpleNamespace(name=f"unnamed[joint 2: {driver}]", depends_on=(driver,), curves=(None,),
-                            held=replace(e.held, interval=interval), probability=chance)  # fmt: skip
+                            held=replace(e.held, interval=interval), found=chance > 0.75)  # fmt: skip
     inputs = advice.Inputs("a.toml", ("--data", "d.csv"))
     steps = [*advice._adding(replace(found.d, verdict="novel", novel=novel), inputs)]
     added = [s.command for s in steps if "unnamed" in s.command]

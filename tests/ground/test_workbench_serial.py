@@ -8,7 +8,6 @@ import pytest
 from real_arms import DATA
 
 from kincal import workbench as wb
-from kincal.workbench.diagnosis.findings import FOUND
 from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.evidence.serial import serial_correlation
 from kincal.workbench.fit.least_squares import fit_model
@@ -185,5 +184,5 @@ def test_noise_of_one_encoder_is_no_unknown_function(arm, library, seed):
     data = replace(measured(at_random(100, seed), seed, white, moved=rattling, size=0.0), cov=None)
     d = wb.diagnose(arm, data, library)
     assert d.verdict == "undecidable" and not d.adequate_after and not in_model(d)
-    assert d.novel is None or (d.novel.location == "joint 2" and d.novel.probability < FOUND)
+    assert d.novel is None or (d.novel.location == "joint 2" and not d.novel.found)
     assert "no effect is shown to predict" in explain.verdict(d)

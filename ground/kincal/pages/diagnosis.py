@@ -152,7 +152,8 @@ def _unnamed(data: ReportContent, poses: Poses, novel: UnnamedFinding) -> Sectio
         f"{HOW_FINDING} {poses.note}"
     )
     figure = finding_figures.findings(panels, poses, novel.curves)
-    return Section("found-unnamed", "Found: something unnamed", text.rstrip(), figure)
+    title = "Found: something unnamed" if novel.found else "Not confirmed: something unnamed"
+    return Section("found-unnamed", title, text.rstrip(), figure)
 
 
 def _about(e: EffectFinding, panels: Sequence[Panel], poses: Poses) -> str:
@@ -169,7 +170,9 @@ def _findings(data: ReportContent) -> Iterator[str]:
         if e.in_model:
             yield _finding(e, data)
     if d.novel:
-        yield f"Unnamed: {explain.unnamed(d.novel)} ({explain.probability(d.novel.probability)} against every named effect)."  # noqa: E501
+        doubt = "" if d.novel.found else f"; {explain.MAY_BE_NOISE}"
+        chance = f"{explain.probability(d.novel.probability)} against every named effect"
+        yield f"Unnamed: {explain.unnamed(d.novel)} ({chance}{doubt})."
     if lacking := sum(bool(n.needs) for n in d.not_testable):
         yield (f"{lacking} effects of the library could not be tested: columns or arm data are missing "
                '(see the list in "The answer as text").')  # fmt: skip

@@ -12,7 +12,7 @@ from ..fit.least_squares import fit_model
 from ..model.effects import Hypothesis, Library
 from ..prediction.measurable import Limits
 from ..prediction.nextposes import AS_MEASURED, NextPose, next_poses
-from .findings import Diagnosis
+from .findings import MENTION, Diagnosis
 
 _CERTAIN = 0.9  # probability from which on an effect needs no more poses
 _MOST_COMPETING = 4
@@ -49,8 +49,10 @@ def separating_poses(
 
 def _competing(diagnosis: Diagnosis, library: Library) -> list[str]:
     """Effects that the evidence is not sure of and those confounded with them, without those that no data can
-    tell apart. What unseen poses do not bear out competes with no other effect by that."""
-    uncertain = [e for e in diagnosis.effects if e.doubts.evidence < _CERTAIN or e.confounded_with]
+    tell apart, and without those that are unlikely against something unnamed. What unseen poses do not bear
+    out competes with no other effect by that."""
+    likely = [e for e in diagnosis.effects if e.in_model or e.doubts.evidence > MENTION]
+    uncertain = [e for e in likely if e.doubts.evidence < _CERTAIN or e.confounded_with]
     names = dict.fromkeys(name for e in uncertain for name in (e.name, *e.confounded_with))
     return [name for name in names if not _is_equivalent(library, name)]
 

@@ -50,7 +50,7 @@ CLAIM = 0.9
 MENTION = 0.05
 _SURE_ENOUGH = 0.2  # nothing was accepted and "nothing is missing" is not far behind
 _MAX_ALTERNATIVES = 8
-FOUND = 0.75  # probability from which on something unnamed is found
+_FOUND = 0.75  # probability from which on something unnamed is found
 _LIKELY = 0.8  # probabilities from here on count alike where effects are ordered
 _BEST_NAMED = 4  # listed where nothing named wins
 _TESTED_FROM = 0.2  # probability by evidence from which on an alternative is tested on unseen poses
@@ -156,6 +156,11 @@ class UnnamedFinding:
     held: HeldGain
     curves: tuple[Curve, ...]
 
+    @property
+    def found(self) -> bool:
+        """Poses that were not fitted confirm it."""
+        return self.probability >= _FOUND
+
 
 @dataclass(frozen=True)
 class Remainder:
@@ -255,7 +260,7 @@ def _verdict(
     none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None, c: Comparison
 ) -> Verdict:
     accepted = [e for e in effects if e.accepted]
-    if novel is not None and novel.probability >= FOUND:
+    if novel is not None and novel.found:
         return "novel"
     if not accepted:
         refuted = c.outliers.clusters or (c.p_unseen is not None and c.p_unseen <= STRUCTURE_P)

@@ -119,8 +119,7 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     change = d.advised
-    likely = d.novel is not None and d.novel.probability >= explain.LIKELY and not d.exhausted
-    smooth = [*_smooth(d.novel, inputs)] if likely and d.novel else []
+    smooth = [*_smooth(d.novel, inputs)] if d.novel and d.novel.found and not d.exhausted else []
     if change.removed:
         yield Step(
             "remove effects that were now found at more joints",

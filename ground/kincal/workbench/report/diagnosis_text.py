@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from ..diagnosis import Diagnosis, EffectFinding, UnnamedFinding
-from ..diagnosis.findings import FOUND
 from ..model.hypotheses import Untestable
 from ..prediction.nextposes import NextPose
 from . import explain
@@ -76,7 +75,7 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
         f"not in the library: {explain.unnamed(u)} "
         f'({explain.probability(u.probability)} against "nothing missing" and every named effect)',
         *([f'      a smooth function there, "{u.name}": {explain.held_gain(u.held)}'] if u.curves else []),
-        *([f"      {explain.MAY_BE_NOISE}"] if u.probability < FOUND else []),
+        *([] if u.found else [f"      {explain.MAY_BE_NOISE}"]),
         *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
     ]
 
