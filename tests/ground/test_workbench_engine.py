@@ -416,6 +416,21 @@ def test_moment_of_a_large_step_is_found_to_the_pose_and_leaves_nothing_else(arm
     assert 37 * 60.0 < t0_s < 38 * 60.0  # a pose a minute
 
 
+@pytest.mark.parametrize("turned_rad", [0.0, 4e-3])
+def test_orientations_in_another_frame_than_the_positions_are_said(arm, library, tmp_path, turned_rad):
+    data = wb.read_csv(poses.poses_csv(tmp_path / "d.csv", 80, 9), 7)
+    axis = np.array([0.6, -0.48, 0.64])
+    turned = Rotation.from_rotvec(turned_rad * axis) * Rotation.from_quat(data.quat_wxyz, scalar_first=True)
+    d = wb.diagnose(arm, replace(data, quat_wxyz=turned.as_quat(scalar_first=True)), library)
+    said = "orientations and positions are not in one frame"
+    found = d.comparison.turned
+    assert (found is not None) == (turned_rad > 0.0) == (said in explain.verdict(d).lower())
+    assert d.comparison.adequate == d.adequate_after == (found is None)
+    if found is not None:
+        assert found.mean_rad @ axis > 0.5 * turned_rad and found.p_value < 1e-9
+        assert (d.verdict, said in " ".join(explain.notes(d.comparison))) == ("undecidable", True)
+
+
 def test_gross_outliers_do_not_hide_an_effect(arm, library, tmp_path):
     rng = np.random.default_rng(1)
     bad = rng.random(80) < 0.05

@@ -17,6 +17,7 @@ from ..data.split import Split, choose_split
 from ..evidence.adequacy import (
     NoiseFloor,
     Outliers,
+    TurnedFrame,
     Where,
     WorstPose,
     explained,
@@ -24,6 +25,7 @@ from ..evidence.adequacy import (
     lack_of_fit,
     noise_floor,
     structure,
+    turned_frame,
     unseen_p,
     where_it_fails,
     worst_poses,
@@ -60,9 +62,10 @@ class Comparison:
     data: all poses; held_data: the held-out ones, None if there are none; skipped: malformed rows left out;
     rms: "nominal", "fit" and "held" errors; chi2_per_dof: of all poses, in units of the stated noise;
     p_lack_of_fit: of the size of the leftover, None where nothing says how large the noise is;
-    p_structure: that it follows some recorded variable somewhere, over all variables; p_unseen:
+    p_structure: that it follows some recorded variable somewhere, over all variables; turned: of the measured
+    orientations against the positions; p_unseen:
     that poses which the file keeps back are predicted as well as noise allows, None if it keeps none;
-    adequate: all are likely enough, and outliers are few and in no cluster;
+    adequate: all are likely enough, nothing is turned, and outliers are few and in no cluster;
     still_joints: joints (from 1) that the poses do not move; fit_all: fitted to every pose (to the fit
     poses if the file keeps some back); fit_part: fitted to the fit poses; black_box: gives `reachable`.
     """
@@ -80,6 +83,7 @@ class Comparison:
     chi2_per_dof: float
     p_lack_of_fit: float | None
     p_structure: float
+    turned: TurnedFrame | None
     p_unseen: float | None
     adequate: bool
     worst_poses: tuple[WorstPose, ...]
@@ -183,7 +187,7 @@ def compare(
     held = data.take(split.held) if len(split.held) else None
     floor, where = noise_floor(fit_all), where_it_fails(fit_all)
     p_lack, p_structure = lack_of_fit(fit_all, floor), structure(where)
-    kept_back = held if split.given else None
+    kept_back, turned = held if split.given else None, turned_frame(fit_all)
     outliers = find_outliers(fit_all, kept_back)
     p_unseen = None if kept_back is None else unseen_p(fit_all, kept_back, outliers)
     return Comparison(
@@ -204,8 +208,9 @@ def compare(
         chi2_per_dof=fit_all.scale**2,
         p_lack_of_fit=p_lack,
         p_structure=p_structure,
+        turned=turned,
         p_unseen=p_unseen,
-        adequate=explained(p_lack, p_structure, p_unseen) and outliers.may_be_chance,
+        adequate=explained(p_lack, p_structure, p_unseen) and outliers.may_be_chance and turned is None,
         worst_poses=worst_poses(fit_all),
         where=where,
         outliers=outliers,

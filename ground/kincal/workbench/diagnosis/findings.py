@@ -20,6 +20,7 @@ from ..evidence.adequacy import (
     find_outliers,
     lack_of_fit,
     noise_floor,
+    turned_frame,
     unseen_p,
     where_it_fails,
 )
@@ -225,7 +226,11 @@ def conclude(study: Study, found: Selection, serial: Serial | None = None) -> Di
         not_testable=not_testable(study, found.first),
         probability_none=found.first.none,
         final=final,
-        adequate_after=left.is_noise and novel is None and serial is None and outliers.may_be_chance,
+        adequate_after=left.is_noise
+        and novel is None
+        and serial is None
+        and turned_frame(final) is None
+        and outliers.may_be_chance,
         outliers=outliers,
         remainder=remainder(study, found.model, left.where),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
@@ -263,7 +268,8 @@ def _verdict(
     if novel is not None and novel.found:
         return "novel"
     if not accepted:
-        refuted = c.outliers.clusters or (c.p_unseen is not None and c.p_unseen <= STRUCTURE_P)
+        unpredicted = c.p_unseen is not None and c.p_unseen <= STRUCTURE_P
+        refuted = c.outliers.clusters or c.turned or unpredicted
         return "adequate" if none > _SURE_ENOUGH and not refuted else "undecidable"
     if len(accepted) > 1:
         return "several_effects"

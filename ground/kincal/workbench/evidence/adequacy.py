@@ -26,6 +26,9 @@ _GROSS = 10.0  # median errors of poses that were not fitted: the same
 _MANY_OUTLIERS = 0.05  # of the poses; a model that leaves out more does not explain them
 _CLUSTER_P = 0.01
 _MIN_CLUSTER = 3  # outliers; fewer cannot cluster
+_LEAST_TO_TURN = 12  # poses
+_TURNED_P = 1e-6
+_LEAST_TURN = 0.4  # of what is left of the rotations
 REPLICATES, STATED, UNKNOWN = (
     "replicates",
     "stated covariance",
@@ -55,6 +58,15 @@ class Where:
     p_value: float
     share_of_variance: float
     at: str
+
+
+@dataclass(frozen=True)
+class TurnedFrame:
+    """Mean rotation vector of the residuals in the base frame [rad]: of the turn between the frames of
+    orientations and positions the part that the fitted base does not take; p_value: that it is chance."""
+
+    mean_rad: tuple[float, float, float]
+    p_value: float
 
 
 @dataclass(frozen=True)
@@ -257,6 +269,25 @@ def unseen_p(fit: Fit, held: Measurements, outliers: Outliers) -> float:
     seen = moved.T @ z
     square = float(z @ z - seen @ np.linalg.solve(np.eye(len(seen)) + moved.T @ moved, seen))
     return f_tail(max(square, 0.0) / len(z), len(z), fit.dof)
+
+
+def turned_frame(fit: Fit) -> TurnedFrame | None:
+    """The turn of the measured orientations against the positions, where they are in frames that differ: no
+    error of the arm leaves all orientations turned alike in the base frame. Hotelling's T^2 of the rotation
+    residuals (Anderson, An Introduction to Multivariate Statistical Analysis, 3rd ed., section 5.2). None if
+    there is no such turn, or if it is a small part of what is left."""
+    r = fit.evaluation.r[fit.good, 3:]
+    n, c = r.shape
+    if c == 0 or n < _LEAST_TO_TURN:
+        return None
+    mean = r.mean(axis=0)
+    t2 = float(n * mean @ np.linalg.solve(np.cov(r.T) + 1e-18 * np.eye(3), mean))
+    p_value = f_tail(t2 * (n - 3) / (3 * (n - 1)), 3, n - 3)
+    size, left = float(np.linalg.norm(mean)), float(np.sqrt((r**2).sum(axis=1).mean()))
+    if p_value > _TURNED_P or size < _LEAST_TURN * left:
+        return None
+    x, y, z = map(float, mean)
+    return TurnedFrame((x, y, z), p_value)
 
 
 def structure(where: Sequence[Where]) -> float:

@@ -10,7 +10,7 @@ from ..data.direction import in_random_order
 from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from ..diagnosis.suggestions import Suggestion
-from ..evidence.adequacy import REPLICATES, STRUCTURE_P, UNKNOWN, Outliers
+from ..evidence.adequacy import REPLICATES, STRUCTURE_P, UNKNOWN, Outliers, TurnedFrame
 from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..model import sight
@@ -338,7 +338,18 @@ def notes(c: Comparison) -> list[str]:
     """What else a reader of a comparison should know."""
     still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
     assumed = sight.in_words(c.fit_all.arm, c.data)
-    return [*c.consistency.doubts, *still, *([assumed] if assumed else [])]
+    turned = [] if c.turned is None else [turned_frame(c.turned)]
+    return [*c.consistency.doubts, *turned, *still, *([assumed] if assumed else [])]
+
+
+def turned_frame(t: TurnedFrame) -> str:
+    """What is wrong with the frames of orientations and positions, and what to do."""
+    x, y, z = (f"{1e3 * v:.2f}" for v in t.mean_rad)
+    return (
+        f"orientations and positions are not in one frame: the fit leaves all orientations turned by {x}, {y}, "
+        f"{z} mrad about x, y, z of the base, which no error of the arm does; give both in one frame, or leave "
+        "the orientations out"
+    )
 
 
 def reachable_by(r: Reachable) -> str:
@@ -391,6 +402,8 @@ def _verdict(d: Diagnosis) -> str:
         return "The remaining error varies with time, and no effect is shown to cause it."
     if d.verdict == "adequate":
         return "No effect is shown to be missing, yet the model does not explain these data."
+    if d.verdict == "undecidable" and d.comparison.turned is not None and not taken:
+        return f"O{turned_frame(d.comparison.turned)[1:]}."
     if d.verdict == "undecidable" and d.novel is not None and not taken:
         return (
             f"More than noise of equal size is left, most of it in {_error_at(d.novel.location)}, but no "
