@@ -427,7 +427,7 @@ def test_orientations_in_another_frame_than_the_positions_are_said(arm, library,
     assert (found is not None) == (turned_rad > 0.0) == (said in explain.verdict(d).lower())
     assert d.comparison.adequate == d.adequate_after == (found is None)
     if found is not None:
-        assert found.mean_rad @ axis > 0.5 * turned_rad and found.p_value < 1e-9
+        assert found.rotation_rad @ axis > 0.5 * turned_rad and found.p_value < 1e-9
         assert (d.verdict, said in " ".join(explain.notes(d.comparison))) == ("undecidable", True)
 
 

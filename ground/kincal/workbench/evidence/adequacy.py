@@ -65,7 +65,7 @@ class TurnedFrame:
     """Mean rotation vector of the residuals in the base frame [rad]: of the turn between the frames of
     orientations and positions the part that the fitted base does not take; p_value: that it is chance."""
 
-    mean_rad: tuple[float, float, float]
+    rotation_rad: tuple[float, float, float]
     p_value: float
 
 

@@ -86,7 +86,8 @@ def comparison_json(c: Comparison) -> Json:
         "chi2_per_dof": c.chi2_per_dof,
         "p_lack_of_fit": c.p_lack_of_fit,
         "p_structure": c.p_structure,
-        "turned_frame": c.turned and {"mean_rad": list(c.turned.mean_rad), "p_value": c.turned.p_value},
+        "turned_frame": c.turned
+        and {"rotation_rad": list(c.turned.rotation_rad), "p_value": c.turned.p_value},
         "p_unseen": c.p_unseen,
         "adequate": c.adequate,
         "worst_poses": [

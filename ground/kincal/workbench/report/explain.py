@@ -344,11 +344,11 @@ def notes(c: Comparison) -> list[str]:
 
 def turned_frame(t: TurnedFrame) -> str:
     """What is wrong with the frames of orientations and positions, and what to do."""
-    x, y, z = (f"{1e3 * v:.2f}" for v in t.mean_rad)
+    x, y, z = (f"{1e3 * v:.2f}" for v in t.rotation_rad)
     return (
-        f"orientations and positions are not in one frame: the fit leaves all orientations turned by {x}, {y}, "
-        f"{z} mrad about x, y, z of the base, which no error of the arm does; give both in one frame, or leave "
-        "the orientations out"
+        f"orientations and positions are not in one frame: the fit leaves all orientations turned by {x}, "
+        f"{y}, {z} mrad about x, y, z of the base, which no error of the arm does; give both in one frame, or "
+        "leave the orientations out"
     )
 
 
