@@ -347,7 +347,7 @@ def turned_frame(t: TurnedFrame) -> str:
     x, y, z = (f"{1e3 * v:.2f}" for v in t.rotation_rad)
     return (
         f"orientations and positions are not in one frame: the fit leaves all orientations turned by {x}, "
-        f"{y}, {z} mrad about x, y, z of the base, which no error of the arm does; give both in one frame, or "
+        f"{y}, {z} mrad about x, y, z of the base, which no error of the arm does; give both in one frame or "
         "leave the orientations out"
     )
 
