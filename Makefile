@@ -343,7 +343,7 @@ sigma: setup build ## calibrations through pixels: is the stated sigma what the 
 
 .PHONY: sigma-short
 sigma-short: ## a few of them
-	$(Q)$(MAKE) sigma RUNS=8
+	$(Q)$(MAKE) sigma RUNS=6
 
 alarm: setup core ## from the monitor's alarm to a calibrated arm: visits, and what a wrong suspicion does (SEEDS, FIRST)
 	.venv/bin/python tests/bench/alarm.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST))

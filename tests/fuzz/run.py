@@ -1,6 +1,6 @@
 """Run the fuzz harnesses, each from its seeds and what earlier runs have found.
 
-    run.py PROGRAMS CORPORA [--seconds 7 | --runs N] [NAME ...]
+    run.py PROGRAMS CORPORA [--seconds 4 | --runs N] [NAME ...]
     run.py PROGRAMS CORPORA --pack                              write the seeds anew from the corpora
     run.py PROGRAMS CORPORA --coverage SOURCES                  lines and branches that the corpora reach
 
@@ -108,7 +108,7 @@ def main() -> int:
     parser.add_argument("programs", type=Path)
     parser.add_argument("corpora", type=Path)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(LENGTH)} (default: all)")
-    parser.add_argument("--seconds", type=int, default=7, help="of each harness")
+    parser.add_argument("--seconds", type=int, default=4, help="of each harness")
     parser.add_argument("--runs", type=int, default=0, help="executions of each harness instead")
     parser.add_argument("--pack", action="store_true")
     parser.add_argument("--coverage", nargs="+", metavar="SOURCES")
