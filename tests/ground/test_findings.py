@@ -248,7 +248,7 @@ def test_noise_that_is_correlated_in_time_is_said_with_what_to_do(serial, random
     [("q3", (0.3, 0.5), 0.9, ["unnamed"]),
      ("t", (0.3, 0.5), 0.9, ["'unnamed[joint 2: t]'", "unnamed"]),
      ("t", (0.9, 1.1), 0.9, ["unnamed"]),
-     ("q3", (0.9, 1.1), 0.4, [])],
+     ("q3", (0.9, 1.1), 0.4, ["unnamed"])],
 )  # fmt: skip
 def test_what_follows_time_is_added_by_its_name(found, driver, interval, chance, names):
     """`add unnamed` was advised alone, which adds no function of time: "nothing to add". What poses that were

@@ -51,6 +51,7 @@ CLAIM = 0.9
 MENTION = 0.05
 _SURE_ENOUGH = 0.2  # nothing was accepted and "nothing is missing" is not far behind
 _MAX_ALTERNATIVES = 8
+_PREDICTABLE = 0.95  # probability that something is missing where a black box predicts better
 _FOUND = 0.75  # probability from which on something unnamed is found
 _LIKELY = 0.8  # probabilities from here on count alike where effects are ordered
 _BEST_NAMED = 4  # listed where nothing named wins
@@ -303,7 +304,8 @@ def _unnamed_p(posterior: Posterior, top: Scored[Cell]) -> float:
 
 def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tuple[Curve, ...], float]:
     """What held-out poses gain from a smooth function of this name beside a model, its terms chosen without
-    them; the function fitted to all poses; and the probability that it helps poses that were not fitted."""
+    them; the function fitted to all poses; and the probability that something helps poses that were not
+    fitted: this function, or a black box on held-out poses."""
 
     def chosen(fit: Fit) -> Hypothesis | None:
         try:
@@ -316,6 +318,8 @@ def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tu
         return NO_HELD_OUT, (), UNTESTED
     support = study.support_of(model, chosen)
     chance = UNTESTED if support is None else support.probability
+    if chance < _PREDICTABLE and study.black_box_gains(model):
+        chance = _PREDICTABLE  # by other functions, or more of them
     return study.held_gain(model, h), curves(study.fit((*model, h)), h), chance
 
 

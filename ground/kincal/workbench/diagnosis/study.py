@@ -300,6 +300,14 @@ class Study:
             before, after, TURNS, stretches(data, 2 * TURNS) if self.in_stretches else data.repeats
         )
 
+    def black_box_gains(self, model: Model) -> bool:
+        """A black box beside the given model predicts held-out poses better than this one, beyond chance."""
+        box = None if self.in_stretches else self.comparison.reachable
+        if box is None or box.judged is None or box.left is None:
+            return False
+        mine = self.held_fit(model).predict(box.judged)
+        return HeldGain.of(_square(mine), _square(box.left), box.judged.repeats, cross_validated=False).gains
+
     def _in_blocks(self, model: Model, near: Model) -> dict[str, Array]:
         """(M, c) residuals [m, rad] of an unseen region, a time block and one direction of approach (of many
         poses, of a part), each predicted by a fit to the other poses that begins where that of `near` is."""

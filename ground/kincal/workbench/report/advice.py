@@ -119,7 +119,7 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     change = d.advised
-    smooth = [*_smooth(d.novel, inputs)] if d.novel and d.novel.found and not d.exhausted else []
+    smooth = [] if d.novel is None or d.exhausted else [*_smooth(d.novel, inputs)]
     if change.removed:
         yield Step(
             "remove effects that were now found at more joints",
