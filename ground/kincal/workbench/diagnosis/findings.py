@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -316,11 +316,19 @@ def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tu
     h = chosen(study.held_fit(model) if study.has_held_out else study.fit(model))
     if h is None:
         return NO_HELD_OUT, (), UNTESTED
+    return study.held_gain(model, h), curves(study.fit((*model, h)), h), _chance(study, model, h, chosen)
+
+
+def _chance(study: Study, model: Model, h: Hypothesis, chosen: Callable[[Fit], Hypothesis | None]) -> float:
+    """Probability that something beside a model helps poses that were not fitted: the function that `chosen`
+    gives of any poses, h of these. It counts as it stands if it leaves no more than a known noise."""
+    if study.explains((*model, h)):
+        return 1.0
     support = study.support_of(model, chosen)
     chance = UNTESTED if support is None else support.probability
     if chance < _PREDICTABLE and study.black_box_gains(model):
-        chance = _PREDICTABLE  # by other functions, or more of them
-    return study.held_gain(model, h), curves(study.fit((*model, h)), h), chance
+        return _PREDICTABLE  # by other functions, or more of them
+    return chance
 
 
 def remainder(study: Study, model: Model, where: Sequence[Where]) -> Remainder:
