@@ -77,3 +77,30 @@ def test_three_sessions_in_one_file_are_approached_from_where_each_was():
     data = one_clock(both(both(parts[0], parts[1]), parts[2]))
     assert (np.diff(data.t_s) > 0.0).all()
     assert "2 other sessions begin" in data.notes[-1]
+
+
+def test_readings_at_rest_do_not_hide_that_a_clock_starts_again():
+    def read_twice(data, seconds):
+        twice = data.take(np.repeat(np.arange(N), 2))
+        twice.t_s[1::2] += seconds
+        return wb.Measurements(source="made", ids=tuple(f"{name}{k}" for k, name in enumerate(twice.ids)),
+                               q=twice.q, p_m=twice.p_m, t_s=twice.t_s)  # fmt: skip
+
+    a, b = read_twice(session(1), 0.5), read_twice(session(2, first="b"), 0.5)
+    assert (np.diff(one_clock(both(a, b)).t_s) > 0.0).all()
+
+
+def test_twelve_short_sessions():
+    parts = [session(seed, first=f"{seed}.").take(np.arange(8)) for seed in range(12)]
+    data = parts[0]
+    for part in parts[1:]:
+        data = both(data, part)
+    assert (np.diff(one_clock(data).t_s) > 0.0).all()
+
+
+def test_seconds_of_the_day_go_on_over_midnight():
+    data = session(1)
+    data.t_s[:] = (data.t_s + 86400.0 - 100.0) % 86400.0
+    found = one_clock(data)
+    assert (np.diff(found.t_s) > 0.0).all() and "seconds of the day" in found.notes[-1]
+    np.testing.assert_allclose(np.diff(found.t_s), np.diff(session(1).t_s))

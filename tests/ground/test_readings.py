@@ -71,7 +71,8 @@ def test_poses_that_the_arm_left_and_came_back_to_stay_measurements_of_their_own
         ("temp_c", np.tile([20.0, 21.0, 22.0], POSES)),
         ("payload_kg", np.tile([0.0, 1.0, 0.0], POSES)),
         ("tag", np.tile([0.0, 1.0, 0.0], POSES)),
-        ("split", np.tile(["fit", "held", "fit"], POSES)),
+        ("qdot", np.tile([[0.1, 0.0], [-0.1, 0.0], [0.1, 0.0]], (POSES, 1))),
+        ("g_m_s2", np.tile([[0.0, 0.0, -9.8], [0.1, 0.0, -9.8], [0.0, 0.1, -9.8]], (POSES, 1))),
     ],
 )
 def test_rows_that_differ_in_what_an_effect_may_follow_are_no_readings_of_one_state(column, values):
@@ -122,6 +123,34 @@ def test_files_are_read_so_and_a_row_is_excluded_before(tmp_path):
     file = tmp_path / "poses.csv"
     file.write_text("id,t_s,q1,q2,px,py,pz\n" + text + "\n")
     assert read_measurements(file, 2).n == POSES
-    without = read_measurements(file, 2, excluded=["r0"])
-    assert without.ids[0] == "r1"
-    np.testing.assert_allclose(without.p_m[0], data.p_m[1:3].mean(axis=0), atol=1e-8)
+    without = read_measurements(file, 2, excluded=["r1"])  # a reading
+    assert (without.n, without.ids[0]) == (POSES, "r0")
+    np.testing.assert_allclose(without.p_m[0], data.p_m[[0, 2]].mean(axis=0), atol=1e-8)
+    without = read_measurements(file, 2, excluded=["r0", "r3"])  # poses, as they are named
+    assert (without.n, without.ids[0]) == (POSES - 2, "r6")
+    with pytest.raises(wb.BadInput, match="no pose has the id r900"):
+        read_measurements(file, 2, excluded=["r900"])
+
+
+def test_what_the_times_do_not_tell_the_positions_do():
+    """A hysteresis test approaches each pose from both sides, a reading every 15 s: 1.6 mm became 0.1 mm."""
+    data, _ = readings(each=2, move_s=15.0, within_s=15.0)
+    assert one_measurement_a_pose(data).n == POSES
+    data.p_m[1::2] += 8e-4
+    assert one_measurement_a_pose(data) is data
+    quick = replace(data, t_s=readings(each=2)[0].t_s)  # no time to leave the pose
+    assert one_measurement_a_pose(quick).n == POSES
+
+
+def test_a_split_of_the_rows_does_not_part_the_readings_of_a_pose():
+    data, _ = readings()
+    poses = one_measurement_a_pose(replace(data, split=np.tile(["held", "fit", "fit"], POSES)))
+    assert poses.n == POSES and set(poses.split) == {"held"}
+
+
+def test_a_slow_change_in_one_pose_is_no_rest():
+    """Each row is within .5 C of the one before, from 20 to 38 C."""
+    data, _ = readings(each=60, within_s=0.1)
+    data = data.take(np.arange(120))
+    warm = replace(data, temp_c=np.tile(np.linspace(20.0, 38.0, 60), 2))
+    assert one_measurement_a_pose(warm).n > 40

@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..numerics.types import Array, Groups
-from .measurements import Measurements
+from ..numerics.types import Array, Groups, Mask, array
+from .measurements import SAME_POSE, Measurements
 
-_MOST_RESTARTS = 0.1  # of the rows of a file; if times fall back more often, rows are in no order of time
+_MOST_RESTARTS = 0.25  # of the rows of a file; if times fall back more often, rows are in no order of time
 _LEAST_POSES = 3  # of a session
 _LEAST_MEETINGS = 5  # of poses of two sessions that follow one another in time
 _TOO_CLOSE = 0.5  # times a short interval of one session: no arm is measured in two poses so soon
 _SHARE = 0.15  # of the meetings that are too close: the sessions did not run at one time
+_DAY_S = 86400.0
+_MIDNIGHT = "t_s falls back by nearly a day: seconds of the day, a day is added to what comes after midnight"
 _BREAK = 10.0  # usual intervals between one session and the next: how long it truly was, nothing says
 
 
@@ -28,22 +30,27 @@ def one_clock(data: Measurements, file: Groups | None = None) -> Measurements:
         return data
     session = _sessions(data.t_s, np.zeros(data.n, dtype=int) if file is None else file)
     count = int(session.max()) + 1 if data.n else 0
-    t_s, later = data.t_s.copy(), 0
+    t_s, later, midnight = data.t_s.copy(), 0, False
     for k in range(1, count):
         mine, before = session == k, session < k
-        if not _at_one_time(t_s[before], data.t_s[mine], data.t_s[session == k - 1]):
+        own = np.concatenate([_intervals(data, session == one) for one in (k - 1, k)])
+        if _over_midnight(data.t_s[session == k - 1], data.t_s[mine]):
+            t_s[session >= k] += _DAY_S
+            midnight = True
+            continue
+        if not _at_one_time(t_s[before], t_s[mine], own):
             continue
         usual = float(np.median(np.diff(np.sort(t_s[before]))))
         t_s[mine] += float(t_s[before].max() - t_s[mine].min()) + _BREAK * usual
         later += 1
-    if not later:
-        return data
-    begin = "another session begins" if later == 1 else f"{later} other sessions begin"
-    note = (
-        f"t_s starts again where {begin}: sessions are put one after another, with breaks of "
-        f"{_BREAK:.0f} usual intervals, since their true lengths are unknown"
-    )
-    return replace(data, t_s=t_s, notes=(*data.notes, note))
+    notes = [_MIDNIGHT] if midnight else []
+    if later:
+        begin = "another session begins" if later == 1 else f"{later} other sessions begin"
+        notes.append(
+            f"t_s starts again where {begin}: sessions are put one after another, with breaks of "
+            f"{_BREAK:.0f} usual intervals, since their true lengths are unknown"
+        )
+    return replace(data, t_s=t_s, notes=(*data.notes, *notes)) if notes else data
 
 
 def _sessions(t_s: Array, file: Groups) -> Groups:
@@ -58,12 +65,26 @@ def _sessions(t_s: Array, file: Groups) -> Groups:
     return np.cumsum(begins)
 
 
-def _at_one_time(before: Array, mine: Array, last: Array) -> bool:
+def _intervals(data: Measurements, rows: Mask) -> Array:
+    """Times [s] from one pose of a session to the next, in the order of its times; between readings of one
+    pose there is none."""
+    assert data.t_s is not None
+    order = np.flatnonzero(rows)[np.argsort(data.t_s[rows], kind="stable")]
+    moved = (np.abs(np.diff(data.q[order], axis=0)) > SAME_POSE).any(axis=1)
+    return array(np.diff(data.t_s[order])[moved])
+
+
+def _over_midnight(before: Array, mine: Array) -> bool:
+    """Seconds of the day that fall back by nearly a day."""
+    of_day = min(before.min(), mine.min()) >= 0.0 and max(before.max(), mine.max()) < _DAY_S
+    return bool(of_day and before.min() - mine.max() > 0.5 * _DAY_S)
+
+
+def _at_one_time(before: Array, mine: Array, own: Array) -> bool:
     """Poses of a session lie between those before it closer than an arm can move from one to the next.
-    before, mine, last: times of all sessions before, of this one, and of the one just before it."""
+    before, mine: times of all sessions before, and of this one; own: from one pose to the next."""
     if min(len(before), len(mine)) < _LEAST_POSES:
         return False
-    own = np.concatenate([np.diff(np.sort(x)) for x in (mine, last)])
     short = float(np.quantile(own[own > 0.0], 0.05)) if (own > 0.0).any() else 0.0
     times = np.concatenate([before, mine])
     order = np.argsort(times, kind="stable")

@@ -7,7 +7,7 @@ better known than it is (Kish, Survey Sampling, 1965, section 5.4: the design ef
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -15,63 +15,85 @@ import numpy as np
 
 from ..numerics.types import Array, Groups, Indices, Mask
 from .direction import order_of_measurement
-from .measurements import SAME_PAYLOAD_KG, Measurements, replicate_groups
+from .measurements import SAME_PAYLOAD_KG, SAME_POSE, Measurements, replicate_groups
 
 _LEAST_SHARE = 0.1  # of the rows; fewer change nothing, and stay as they are
 _LEAST_STATED = 1.0 / 3.0  # where the file calls them replicates: a campaign repeats a part of its poses
 _LEAVES = 1.25  # times the usual interval between poses: to leave a pose and come back takes two moves
-_SAME_TEMP_C = 0.5
+_STAYS = 0.5  # times that interval: too short to leave
+_REST_M = 2e-4  # between readings at rest, where times do not tell; what is approached anew differs by more
 _FAR = 10.0  # median distances from the middle of a pose: a mistake of the sensor
 _FEWEST_TO_REFUSE = 3  # readings; of two, none is known to be the wrong one
+# What an effect may follow, and by how much it differs between readings of one pose.
+_SAME = {
+    "q": SAME_POSE, "direction": 0.0, "tag": 0.0, "payload_kg": SAME_PAYLOAD_KG, "temp_c": 0.5, "qdot": 0.01,
+    "g_m_s2": 0.05, "pan_rad": 1e-3, "tilt_rad": 1e-3, "cam_p_m": 1e-3,
+}  # fmt: skip
 
 
-def one_measurement_a_pose(data: Measurements) -> Measurements:
+def one_measurement_a_pose(data: Measurements, excluded: Collection[str] = ()) -> Measurements:
     """The data with the mean of each run of readings at rest in its place, under the id of the first one.
 
-    Readings follow one another, agree in joints, approach, payload, temperature, tag and split, and no time
-    between them was long enough to leave the pose and come back. Stated noise is taken for that of a reading,
-    of which the mean loses what differs between readings. A note says how many rows became how many poses.
+    Readings follow one another in time, agree in all that an effect may follow, and no time between them was
+    long enough to leave the pose and come back; where the times do not tell, their positions agree. Stated
+    noise is taken for that of a reading, of which the mean loses what differs between readings. A note says
+    how many rows became how many poses. excluded: ids to leave out, of single readings or, by that of the
+    first one, of a pose. BadInput names those that no row has.
     """
+    kept = data.without(excluded) if excluded else data
+    runs = _runs(data)
+    if not runs:
+        return kept
+    out = set(excluded)
+    poses = [rows for rows in runs if data.ids[rows[0]] not in out]
+    poses = [rows[[data.ids[k] not in out for k in rows]] for rows in poses]
+    return _together(data, list(_without_mistakes(data, poses)), poses)
+
+
+def _runs(data: Measurements) -> list[Indices]:
+    """Rows of each pose, in the order of the file; none where readings at rest are too few to matter."""
     order = order_of_measurement(data)
     if order is None or data.n < 2:
-        return data
-    number = _runs(data, order)
-    poses = int(number.max()) + 1
+        return []
+    found: list[Indices] = []
+    for number in np.unique(groups := _numbered(data, order)):
+        found.append(np.flatnonzero(groups == number))
     least = _LEAST_STATED if data.replicate_stated else _LEAST_SHARE
-    if data.n - poses < max(least * data.n, 1.0):
-        return data
-    runs = [np.flatnonzero(number == k) for k in range(poses)]
-    runs.sort(key=lambda rows: int(rows[0]))
-    return _together(data, list(_without_mistakes(data, runs)), runs)
+    if data.n - len(found) < max(least * data.n, 1.0):
+        return []
+    return sorted(found, key=lambda rows: int(rows[0]))
 
 
-def _runs(data: Measurements, order: Indices) -> Groups:
-    """(N,) number of the run of readings at rest that each row belongs to, in order of measurement."""
-    alike = _alike(data, order)
-    times = None if data.order_is_time or data.t_s is None else data.t_s[order]
-    if times is not None and not alike.all():
-        gap = np.diff(times)
-        alike &= gap <= _LEAVES * np.median(gap[~alike])
+def _numbered(data: Measurements, order: Indices) -> Groups:
+    """(N,) number of the run that each row belongs to."""
+    alike = _follows(data, order)
+    if data.replicate_stated and data.replicate is not None:
+        alike &= np.diff(data.replicate[order]) == 0
+    gap = None if data.order_is_time or data.t_s is None else np.diff(data.t_s[order])
+    usual = float(np.median(gap[~alike])) if gap is not None and not alike.all() else np.inf
+    surely = np.zeros(len(alike), dtype=bool) if gap is None else gap <= _STAYS * usual
+    if gap is not None:
+        alike &= gap <= _LEAVES * usual
+    perhaps = alike & ~surely
+    step = np.linalg.norm(np.diff(data.p_m[order], axis=0), axis=1)
+    if perhaps.any() and float(np.median(step[perhaps])) > _REST_M:
+        alike &= surely
     number = np.empty(data.n, dtype=int)
     number[order] = np.concatenate([[0], np.cumsum(~alike)])
     return number
 
 
-def _alike(data: Measurements, order: Indices) -> Mask:
-    """(N - 1,) pairs of one row and the next that may be readings of one pose."""
-    same = np.diff(replicate_groups(data.q, data.payload_kg)[order]) == 0
-    if data.replicate_stated and data.replicate is not None:
-        same &= np.diff(data.replicate[order]) == 0
-    for values, most in (
-        (data.direction, 0.0), (data.tag, 0.0), (data.payload_kg, SAME_PAYLOAD_KG),
-        (data.temp_c, _SAME_TEMP_C),
-    ):  # fmt: skip
-        if values is not None:
-            changes = np.abs(np.diff(values[order].reshape(data.n, -1), axis=0))
-            same &= ~(changes > most).any(axis=1)
-    if data.split is not None:
-        same &= data.split[order][1:] == data.split[order][:-1]
-    return np.asarray(same, dtype=bool)
+def _follows(data: Measurements, order: Indices) -> Mask:
+    """(N - 1,) rows that may be another reading of the pose that the first row of their run has."""
+    columns = [(x[order].reshape(data.n, -1), most) for name, most in _SAME.items()
+               if (x := getattr(data, name)) is not None]  # fmt: skip
+    values = np.column_stack([x for x, _ in columns])
+    most = np.concatenate([np.full(x.shape[1], limit) for x, limit in columns])
+    alike, first = np.zeros(data.n - 1, dtype=bool), 0
+    for k in range(1, data.n):
+        alike[k - 1] = bool((np.abs(values[k] - values[first]) <= most).all())
+        first = first if alike[k - 1] else k
+    return alike
 
 
 def _without_mistakes(data: Measurements, runs: list[Indices]) -> Iterator[Indices]:

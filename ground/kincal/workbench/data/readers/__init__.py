@@ -54,9 +54,9 @@ def read_measurements(
     joints, chosen = Joints.of(arm), mapping or DataMap()
     sets = [one_clock(once(_read(Path(path), joints, chosen, skip_bad, session))) for path in given]
     data = joined([with_direction(data) for data in sets] if infer_direction else sets)
-    if excluded:
-        data = data.without(excluded)
-    return data if any(is_log(Path(path)) for path in given) else one_measurement_a_pose(data)
+    if any(is_log(Path(path)) for path in given):
+        return data.without(excluded) if excluded else data
+    return one_measurement_a_pose(data, excluded)
 
 
 def read_csv(
