@@ -104,3 +104,15 @@ def test_seconds_of_the_day_go_on_over_midnight():
     found = one_clock(data)
     assert (np.diff(found.t_s) > 0.0).all() and "seconds of the day" in found.notes[-1]
     np.testing.assert_allclose(np.diff(found.t_s), np.diff(session(1).t_s))
+
+
+def test_seconds_of_three_days(tmp_path):
+    days = [session(seed) for seed in (1, 2, 3)]
+    for day, hour in zip(days, (14, 10, 12), strict=True):
+        day.t_s[:] += 3600.0 * hour
+    files = [written(day, tmp_path / f"{k}.csv") for k, day in enumerate(days)]
+    assert (np.diff(read_measurements(files, 2).t_s) > 0.0).all()
+    a, b = session(1), session(2)
+    b.t_s[:] += 1000.0  # one clock, the later part first
+    data = read_measurements([written(b, tmp_path / "b.csv"), written(a, tmp_path / "a.csv")], 2)
+    assert data.t_s[0] == pytest.approx(1000.0) and data.t_s[N] == 0.0

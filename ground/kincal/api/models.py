@@ -82,7 +82,8 @@ def add_effects(
     """The model of a file (a new one if there is none) with these effects too.
 
     read: the measurements that the terms of unnamed effects are chosen from. BadInput for an unknown name, a
-    joint that the arm does not have, an effect that is there already, or an unnamed one without arm or data.
+    joint that the arm does not have, an effect that is there already, an arm that is not the model's, or an
+    unnamed effect without arm or data.
     """
     before = read_model(model_path, must_exist=False)
     files = [model_path.parent / name for name in before.libraries] + list(effect_files)
@@ -90,7 +91,10 @@ def add_effects(
     wanted = [str(UnnamedName.parse(name)) if is_unnamed(name) else name for name in names]
     before.add([name for name in wanted if name != UNNAMED])  # said before the work is done
     where = arm_path or (Path(before.arm) if before.arm else None)
-    check_names(library, wanted, read_arm(where) if where else None)
+    arm = read_arm(where) if where else None
+    if arm is not None and arm_path is not None:
+        refuse_model_of_other_arm(before, arm, str(model_path))
+    check_names(library, wanted, arm)
     found = _found_in_data(before, library, where, read, wanted, progress)
     after = before.add(list(found.names)) if found.names else before
     for addition in found.additions:

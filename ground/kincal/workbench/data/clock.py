@@ -14,8 +14,8 @@ _LEAST_POSES = 3  # of a session
 _LEAST_MEETINGS = 5  # of poses of two sessions that follow one another in time
 _TOO_CLOSE = 0.5  # times a short interval of one session: no arm is measured in two poses so soon
 _SHARE = 0.15  # of the meetings that are too close: the sessions did not run at one time
-_DAY_S = 86400.0
-_MIDNIGHT = "t_s falls back by nearly a day: seconds of the day, a day is added to what comes after midnight"
+_DAY_S, _HOUR_S = 86400.0, 3600.0
+_MIDNIGHT = "t_s falls back as seconds of the day do: what comes after is taken for the next day"
 _BREAK = 10.0  # usual intervals between one session and the next: how long it truly was, nothing says
 
 
@@ -75,9 +75,10 @@ def _intervals(data: Measurements, rows: Mask) -> Array:
 
 
 def _over_midnight(before: Array, mine: Array) -> bool:
-    """Seconds of the day that fall back by nearly a day."""
-    of_day = min(before.min(), mine.min()) >= 0.0 and max(before.max(), mine.max()) < _DAY_S
-    return bool(of_day and before.min() - mine.max() > 0.5 * _DAY_S)
+    """Seconds of the day that fall back, by more than half a day or in sessions that do not begin at 0."""
+    begin, end = min(before.min(), mine.min()), max(before.max(), mine.max())
+    back = before.min() - mine.max()
+    return bool(begin >= 0.0 and end < _DAY_S and back > 0.0 and (back > 0.5 * _DAY_S or begin > _HOUR_S))
 
 
 def _at_one_time(before: Array, mine: Array, own: Array) -> bool:

@@ -25,6 +25,7 @@ _FAR = 10.0  # median distances from the middle of a group: a mistake rather tha
 _GROSS = 10.0  # median errors of poses that were not fitted: the same
 _MANY_OUTLIERS = 0.05  # of the poses; a model that leaves out more does not explain them
 _CLUSTER_P = 0.01
+_FEATURES = 2  # of a kernel: one of them is even
 _MIN_CLUSTER = 3  # outliers; fewer cannot cluster
 _LEAST_TO_TURN = 12  # poses
 _TURNED_P = 1e-6
@@ -224,7 +225,7 @@ def gross(square: Array) -> Mask:
 
 def _clusters(fit: Fit, ids: tuple[str, ...]) -> tuple[str, ...]:
     """Variables whose values differ between the outliers and the other poses (Mann-Whitney): more or less of
-    them, or, by the leading feature of their kernel, in the middle or at the ends."""
+    them, or, by the leading features of their kernel, in the middle or at the ends."""
     flagged = np.isin(fit.data.ids, ids)
     if flagged.sum() < _MIN_CLUSTER:
         return ()
@@ -234,8 +235,8 @@ def _clusters(fit: Fit, ids: tuple[str, ...]) -> tuple[str, ...]:
         return rank_sum_p(x[flagged], x[~flagged])
 
     def clustered(d: Driver) -> bool:
-        least = min(p_value(d.features[:, 0]), p_value(variable_values(d.name, fit)))
-        return 2.0 * least * len(singles) < _CLUSTER_P
+        tried = [p_value(variable_values(d.name, fit)), *map(p_value, d.features[:, :_FEATURES].T)]
+        return min(tried) * len(tried) * len(singles) < _CLUSTER_P
 
     return tuple(d.name for d in singles if clustered(d))
 
