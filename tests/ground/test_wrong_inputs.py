@@ -566,8 +566,8 @@ def test_a_joint_that_few_arms_have_is_refused_until_the_arm_is_named(folder):
     assert CliRunner().invoke(main, [*add, "backlash[12]"]).exit_code == 0  # the model knows its arm now
     done = CliRunner().invoke(main, [*add, "backlash[13]"])
     assert done.exit_code == EXIT_INPUT and "has 12 joints, there is no joint 13" in done.stderr
-    done = CliRunner().invoke(main, [*add, "--arm", "wam", "joint_compliance[7]"])
-    assert done.exit_code == EXIT_INPUT and "the arm table is of WAM" in done.stderr
+    done = CliRunner().invoke(main, [*add, "--arm", "ur5e", "joint_compliance[3]"])
+    assert done.exit_code == EXIT_INPUT and "this model was made with WAM" in done.stderr
 
 
 @pytest.mark.parametrize(
