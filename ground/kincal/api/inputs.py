@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from kincal.workbench.consistency import check, refuse
+from kincal.workbench.consistency import check, left_m, refuse
 from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.data.readers import read_measurements
 from kincal_shared.errors import BadInput
@@ -83,7 +84,9 @@ class Data:
 
     def read(self, arm: Arm) -> Measurements:
         """The measurements of an arm. BadInput names file, row, column and what to do."""
-        return read_measurements(self.files, arm.table, self.mapping, skip_bad=self.skip_bad)
+        return read_measurements(
+            self.files, arm.table, self.mapping, skip_bad=self.skip_bad, left_m=partial(left_m, arm.table)
+        )
 
 
 def measurements(arm: Arm, data: Data | Measurements) -> Measurements:

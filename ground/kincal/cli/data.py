@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -55,6 +55,7 @@ class Given:
 
     def read(self, arm: ArmTable) -> Measurements:
         """The measurements; notes and columns that nothing reads are named on stderr."""
+        from kincal.workbench.consistency import left_m
         from kincal.workbench.data.readers import read_measurements
 
         data = read_measurements(
@@ -64,6 +65,7 @@ class Given:
             skip_bad=self.skip_bad,
             infer_direction=self.infer_direction,
             excluded=self.excluded,
+            left_m=partial(left_m, arm),
         )
         for note in data.notes:
             click.echo(f"note: {note}", err=True)

@@ -5,9 +5,9 @@ at whether the nominal arm explains the poses. If it does not, simple misreading
 columns in another order, a joint's sign, degrees, millimetres, the other DH convention, another arm.
 """
 
-from .check import Check, check, refuse
+from .check import Check, check, left_m, refuse
 from .findings import Finding
 from .models import refuse_model_of_other_arm
 from .units import reach_m
 
-__all__ = ["Check", "Finding", "check", "reach_m", "refuse", "refuse_model_of_other_arm"]
+__all__ = ["Check", "Finding", "check", "left_m", "reach_m", "refuse", "refuse_model_of_other_arm"]

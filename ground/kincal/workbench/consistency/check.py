@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -195,6 +196,12 @@ def _noise_in_millimetres(arm: ArmTable, data: Measurements) -> Iterator[Finding
             "looks like millimetres",
             IN_METRES,
         )
+
+
+def left_m(arm: ArmTable, data: Measurements) -> float:
+    """RMS position [m] that a fit of all DH errors leaves of the good poses; infinite if there is none."""
+    fit = _calibrated(arm, replace(data, cov=None, whole=None))
+    return math.inf if fit is None or not fit.good.any() else rms(fit.evaluation.r[fit.good])[0]
 
 
 def _calibrated(arm: ArmTable, data: Measurements) -> Fit | None:

@@ -7,7 +7,7 @@ better known than it is (Kish, Survey Sampling, 1965, section 5.4: the design ef
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -17,31 +17,38 @@ from ..numerics.types import Array, Groups, Indices, Mask
 from .direction import order_of_measurement
 from .measurements import SAME_PAYLOAD_KG, SAME_POSE, Measurements, replicate_groups
 
+LeftM = Callable[[Measurements], float]
+"""RMS position [m] that a fit of the arm leaves of measurements."""
+
 _LEAST_SHARE = 0.1  # of the rows; fewer change nothing, and stay as they are
 _LEAST_STATED = 1.0 / 3.0  # where the file calls them replicates: a campaign repeats a part of its poses
 _LEAVES = 1.25  # times the usual interval between poses: to leave a pose and come back takes two moves
 _STAYS = 0.5  # times that interval: too short to leave
-_REST_M = 2e-4  # between readings at rest, where times do not tell; what is approached anew differs by more
+_OF_LEFT = 0.5  # of what a fit leaves: readings that differ by more repeat no error of the arm
+_MEDIAN_STEP = 0.795  # RMS noise of positions over the median distance of two of them
 _FAR = 10.0  # median distances from the middle of a pose: a mistake of the sensor
 _FEWEST_TO_REFUSE = 3  # readings; of two, none is known to be the wrong one
 # What an effect may follow, and by how much it differs between readings of one pose.
 _SAME = {
-    "q": SAME_POSE, "direction": 0.0, "tag": 0.0, "payload_kg": SAME_PAYLOAD_KG, "temp_c": 0.5, "qdot": 0.01,
-    "g_m_s2": 0.05, "pan_rad": 1e-3, "tilt_rad": 1e-3, "cam_p_m": 1e-3,
+    "q": SAME_POSE, "direction": 0.0, "tag": 0.0, "payload_kg": SAME_PAYLOAD_KG, "temp_c": 0.5, "qdot": 0.1,
+    "g_m_s2": 0.6, "pan_rad": 1e-3, "tilt_rad": 1e-3, "cam_p_m": 1e-3,
 }  # fmt: skip
 
 
-def one_measurement_a_pose(data: Measurements, excluded: Collection[str] = ()) -> Measurements:
+def one_measurement_a_pose(
+    data: Measurements, excluded: Collection[str] = (), left_m: LeftM | None = None
+) -> Measurements:
     """The data with the mean of each run of readings at rest in its place, under the id of the first one.
 
-    Readings follow one another in time, agree in all that an effect may follow, and no time between them was
-    long enough to leave the pose and come back; where the times do not tell, their positions agree. Stated
-    noise is taken for that of a reading, of which the mean loses what differs between readings. A note says
-    how many rows became how many poses. excluded: ids to leave out, of single readings or, by that of the
-    first one, of a pose. BadInput names those that no row has.
+    Readings follow one another in time, agree in all that an effect may follow, and no time between them
+    was long enough to leave the pose and come back; where the times do not tell, their positions differ by
+    much less than what a fit leaves (else they repeat no error, and may count each). Stated noise is taken
+    for that of a reading, of which the mean loses what differs between readings. A note says how many rows
+    became how many poses. excluded: ids to leave out, of single readings or, by that of the first one, of a
+    pose. BadInput names those that no row has.
     """
     kept = data.without(excluded) if excluded else data
-    runs = _runs(data)
+    runs = _runs(data, left_m)
     if not runs:
         return kept
     out = set(excluded)
@@ -50,13 +57,13 @@ def one_measurement_a_pose(data: Measurements, excluded: Collection[str] = ()) -
     return _together(data, list(_without_mistakes(data, poses)), poses)
 
 
-def _runs(data: Measurements) -> list[Indices]:
+def _runs(data: Measurements, left_m: LeftM | None) -> list[Indices]:
     """Rows of each pose, in the order of the file; none where readings at rest are too few to matter."""
     order = order_of_measurement(data)
     if order is None or data.n < 2:
         return []
     found: list[Indices] = []
-    for number in np.unique(groups := _numbered(data, order)):
+    for number in np.unique(groups := _numbered(data, order, left_m)):
         found.append(np.flatnonzero(groups == number))
     least = _LEAST_STATED if data.replicate_stated else _LEAST_SHARE
     if data.n - len(found) < max(least * data.n, 1.0):
@@ -64,7 +71,7 @@ def _runs(data: Measurements) -> list[Indices]:
     return sorted(found, key=lambda rows: int(rows[0]))
 
 
-def _numbered(data: Measurements, order: Indices) -> Groups:
+def _numbered(data: Measurements, order: Indices, left_m: LeftM | None) -> Groups:
     """(N,) number of the run that each row belongs to."""
     alike = _follows(data, order)
     if data.replicate_stated and data.replicate is not None:
@@ -76,8 +83,10 @@ def _numbered(data: Measurements, order: Indices) -> Groups:
         alike &= gap <= _LEAVES * usual
     perhaps = alike & ~surely
     step = np.linalg.norm(np.diff(data.p_m[order], axis=0), axis=1)
-    if perhaps.any() and float(np.median(step[perhaps])) > _REST_M:
-        alike &= surely
+    if perhaps.any() and left_m is not None:
+        noise_m = _MEDIAN_STEP * float(np.median(step[perhaps]))
+        if noise_m > _OF_LEFT * left_m(data):
+            alike &= surely
     number = np.empty(data.n, dtype=int)
     number[order] = np.concatenate([[0], np.cumsum(~alike)])
     return number

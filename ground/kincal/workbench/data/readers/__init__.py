@@ -16,7 +16,7 @@ from kincal_shared.schema.datamap import DataMap
 from ..clock import one_clock
 from ..direction import with_direction
 from ..measurements import Measurements
-from ..readings import one_measurement_a_pose
+from ..readings import LeftM, one_measurement_a_pose
 from .arrays import read_npz, read_parquet
 from .assembly import measurements
 from .joining import joined, once
@@ -40,13 +40,15 @@ def read_measurements(
     session: int | None = None,
     infer_direction: bool = True,
     excluded: Collection[str] = (),
+    left_m: LeftM | None = None,
 ) -> Measurements:
     """Measurements of one or several files: text (CSV), npz, Parquet, ROS bag, LCM log of the flight process.
 
     arm: its table, or the number of its joints (then all are revolute and have no names); mapping: names and
     units of the columns; skip_bad: leave malformed rows out and count them; session: of an LCM log, the last
     one with measurements if not named; infer_direction: where a file has no approach directions, take them
-    from the order of its measurements; excluded: ids of rows to leave out. Several readings of a pose at rest
+    from the order of its measurements; excluded: ids of rows to leave out; left_m: tells readings at rest
+    from poses that were approached anew, where the times do not. Several readings of a pose at rest
     become one, but those of a log, whose process approaches replicates anew. BadInput names file, row, column
     and what to do.
     """
@@ -56,7 +58,7 @@ def read_measurements(
     data = joined([with_direction(data) for data in sets] if infer_direction else sets)
     if any(is_log(Path(path)) for path in given):
         return data.without(excluded) if excluded else data
-    return one_measurement_a_pose(data, excluded)
+    return one_measurement_a_pose(data, excluded, left_m)
 
 
 def read_csv(
