@@ -72,7 +72,9 @@ class Given:
         if data.unknown_columns:
             click.echo(f"note: columns not used: {', '.join(data.unknown_columns)}", err=True)
         if count := len(set(self.excluded)):
-            click.echo(f"note: {count} {'row' if count == 1 else 'rows'} excluded", err=True)
+            click.echo(
+                f"note: {count} {'pose or reading' if count == 1 else 'poses or readings'} excluded", err=True
+            )
         return data
 
     def options(self) -> tuple[str, ...]:

@@ -138,7 +138,7 @@ def _together(data: Measurements, used: list[Indices], runs: list[Indices]) -> M
         replicate=poses.replicate
         if data.replicate_stated
         else replicate_groups(means["q"], means.get("payload_kg")),
-        notes=(*data.notes, _note(data, used, len(runs))),
+        notes=(*data.notes, _note(data, used, runs)),
     )
 
 
@@ -163,11 +163,12 @@ def _of_means(data: Measurements, means: dict[str, Any], used: list[Indices]) ->
     return np.stack([(1.0 - share * (1.0 - 1.0 / len(rows))) * data.cov[rows].mean(axis=0) for rows in used])
 
 
-def _note(data: Measurements, used: list[Indices], poses: int) -> str:
-    left = data.n - sum(len(rows) for rows in used)
+def _note(data: Measurements, used: list[Indices], runs: list[Indices]) -> str:
+    count = sum(len(rows) for rows in runs)
+    left = count - sum(len(rows) for rows in used)
     mistakes = (
         f", without {left} far from the others of {'its' if left == 1 else 'their'} pose" if left else ""
     )
     anew = " (if each was approached again, times in t_s would show it)" if data.order_is_time else ""
-    found = f"{data.n} rows are readings of {poses} poses at rest"
+    found = f"{count} rows are readings of {len(runs)} poses at rest"
     return f"{found}: each pose counts once, with their mean{mistakes}{anew}"
