@@ -54,6 +54,8 @@ def one_measurement_a_pose(
     out = set(excluded)
     poses = [rows for rows in runs if data.ids[rows[0]] not in out]
     poses = [rows[[data.ids[k] not in out for k in rows]] for rows in poses]
+    if not poses:
+        return data.take(np.zeros(data.n, dtype=bool))
     return _together(data, list(_without_mistakes(data, poses)), poses)
 
 
@@ -62,13 +64,13 @@ def _runs(data: Measurements, left_m: LeftM | None) -> list[Indices]:
     order = order_of_measurement(data)
     if order is None or data.n < 2:
         return []
-    found: list[Indices] = []
-    for number in np.unique(groups := _numbered(data, order, left_m)):
-        found.append(np.flatnonzero(groups == number))
+    number = _numbered(data, order, left_m)
     least = _LEAST_STATED if data.replicate_stated else _LEAST_SHARE
-    if data.n - len(found) < max(least * data.n, 1.0):
+    if data.n - 1 - number.max() < max(least * data.n, 1.0):
         return []
-    return sorted(found, key=lambda rows: int(rows[0]))
+    rows = np.argsort(number, kind="stable")
+    found = np.split(rows, np.flatnonzero(np.diff(number[rows])) + 1)
+    return sorted(found, key=lambda run: int(run[0]))
 
 
 def _numbered(data: Measurements, order: Indices, left_m: LeftM | None) -> Groups:
