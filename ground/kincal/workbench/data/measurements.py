@@ -107,7 +107,7 @@ class Measurements:
         return replace(self, **changes)
 
     def without(self, ids: Iterable[str]) -> Measurements:
-        """The poses but those with these ids. BadInput names the ids that no pose has."""
+        """The poses but those with these ids. BadInput names ids that no pose has, or says that none is left."""
         wanted = set(ids)
         if unknown := sorted(wanted.difference(self.ids)):
             raise BadInput(
@@ -115,6 +115,8 @@ class Measurements:
                 self.source,
                 f"ids of these data: {shown(', '.join(self.ids[:_NAMED]))} ...",
             )
+        if wanted.issuperset(self.ids):
+            raise BadInput("no pose is left", self.source, "leave fewer of them out")
         return self.take(np.array([name not in wanted for name in self.ids], dtype=bool))
 
     @property

@@ -55,7 +55,7 @@ def one_measurement_a_pose(
     poses = [rows for rows in runs if data.ids[rows[0]] not in out]
     poses = [rows[[data.ids[k] not in out for k in rows]] for rows in poses]
     if not poses:
-        return data.take(np.zeros(data.n, dtype=bool))
+        return data.without(data.ids)  # says that none is left
     return _together(data, list(_without_mistakes(data, poses)), poses)
 
 

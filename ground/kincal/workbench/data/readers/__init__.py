@@ -69,7 +69,7 @@ def read_csv(
     skip_bad: bool = False,
     infer_direction: bool = True,
 ) -> Measurements:
-    """Measurements of a text file for an arm with `n_joints` joints, a row each; as read_measurements otherwise."""
+    """Measurements of a text file for an arm with `n_joints` joints, one a row; else as read_measurements."""
     source = _existing(Path(path))
     joints, chosen = Joints.of(n_joints), mapping or DataMap()
     data = measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad)
