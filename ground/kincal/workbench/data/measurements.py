@@ -107,7 +107,7 @@ class Measurements:
         return replace(self, **changes)
 
     def without(self, ids: Iterable[str]) -> Measurements:
-        """The poses but those with these ids. BadInput names ids that no pose has, or says that none is left."""
+        """The poses but those with these ids. BadInput names ids that no pose has, or says none is left."""
         wanted = set(ids)
         if unknown := sorted(wanted.difference(self.ids)):
             raise BadInput(
