@@ -77,7 +77,7 @@ def _runs(data: Measurements, left_m: LeftM | None) -> list[Indices]:
 
 
 def _numbered(data: Measurements, order: Indices, left_m: LeftM | None) -> tuple[Groups, Groups]:
-    """(N,) number of the run that each row belongs to; the same if only times tell that readings are of one."""
+    """(N,) number of the run that each row belongs to; the same of the runs that times alone tell."""
     alike = _follows(data, order)
     if data.replicate_stated and data.replicate is not None:
         alike &= np.diff(data.replicate[order]) == 0
