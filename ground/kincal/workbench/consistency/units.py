@@ -192,7 +192,7 @@ def _impossible(
     gain: float = 1.0,
     frames: Sequence[str] = (),
 ) -> Finding:
-    """The finding for links that add up to more than any arm has; frames: those that are in millimetres too."""
+    """The finding for links that add up to more than any arm has; frames: in millimetres too."""
     j, key = ordered[0]
     return Finding(
         "millimetres",
