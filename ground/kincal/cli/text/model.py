@@ -74,6 +74,16 @@ def cost(gain: EffectGain) -> str:
     )
 
 
+def _instead(name: UnnamedName) -> str:
+    """Why no function is added beside one that is not to be added."""
+    if name.of_orientation:
+        return explain.FOLLOWS_ORIENTATION
+    return (
+        "the remaining error varies with time, which no function of the pose can represent; to describe these "
+        f"poses, add {str(name)!r} by its name"
+    )
+
+
 def additions(found: Found) -> Iterator[str]:
     """Unnamed effects, a few lines each: their terms and what held-out poses gain; those that other poses
     speak against; last, what all of them bring."""
@@ -86,11 +96,8 @@ def additions(found: Found) -> Iterator[str]:
     every = found.all_of_them
     if every is None:
         return
-    if every.time is not None:
-        yield (
-            "unnamed: the remaining error varies with time, which no function of the pose can represent; to "
-            f"describe these poses, add {str(every.time)!r} by its name"
-        )
+    if every.instead is not None:
+        yield f"unnamed: {_instead(every.instead)}"
     elif not every.steps:
         yield "unnamed: nothing to add: no smooth function predicts left-out poses better and harms no others"
     if not every.steps:

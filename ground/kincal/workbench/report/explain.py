@@ -40,6 +40,11 @@ _DRIVERS = {
     "sx": "tool position x",
     "sy": "tool position y",
     "sz": "tool position z",
+    "orientation": "tool orientation",
+    "tool_x": "direction of the tool's x axis",
+    "tool_y": "direction of the tool's y axis",
+    "tool_z": "direction of the tool's z axis",
+    "gravity": "direction of gravity as the tool feels it",
 }
 _JOINT_DRIVERS = {"tau": "gravity torque", "dir": "approach direction", "qdot": "velocity"}
 _NO_ARTICLE = ("time", "temperature", "tool position")  # of what is said of them in words
@@ -507,6 +512,13 @@ def _held_fall(d: Diagnosis) -> str:
     verb = "falls" if after < before else "changes"
     return f"the {what} {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
 
+
+FOLLOWS_ORIENTATION = (
+    "the error follows the orientation of the tool: look at the target and its calibration, at the sensor's line "
+    "of sight to it, and at a tool that bends; no term can follow it, and functions of the joints would only "
+    "stand for it"
+)
+"""Of a function of the tool's orientation: what may be its cause, and why no model is to hold it."""
 
 MAY_BE_NOISE = (
     "poses that were not fitted do not confirm it: larger noise at this location (of an encoder, say) looks "
