@@ -14,6 +14,7 @@ from kincal.workbench.model.effects import Effect, Library
 from kincal.workbench.model.hypotheses import covers
 from kincal.workbench.model.modelfile import ModelFile
 from kincal.workbench.model.parameters import BETA
+from kincal.workbench.model.unnamed_names import UnnamedName
 from kincal.workbench.prediction.nested import EffectGain
 from kincal.workbench.report import explain
 from kincal_shared.schema.model import FitEntry
@@ -77,10 +78,10 @@ def cost(gain: EffectGain) -> str:
 def _instead(name: UnnamedName) -> str:
     """Why no function is added beside one that is not to be added."""
     if name.of_orientation:
-        return explain.FOLLOWS_ORIENTATION
+        return f"{explain.FOLLOWS_ORIENTATION}; {explain.NO_TERM}"
     return (
-        "the remaining error varies with time, which no function of the pose can represent; to describe these "
-        f"poses, add {str(name)!r} by its name"
+        "the remaining error varies with time, which no function of the pose can represent; to describe "
+        f"these poses, add {str(name)!r} by its name"
     )
 
 

@@ -207,12 +207,14 @@ def _not_added(name: UnnamedName) -> bool:
 def _first_instead(
     scored: Mapping[tuple[str, tuple[str, ...]], float], ranked: Sequence[UnnamedName]
 ) -> UnnamedName | None:
-    """The first function that is not added, if it has far more evidence than each that is, and than nothing."""
+    """The first function that is not added, if it has far more evidence than those that are, and nothing."""
     first = next((name for name in ranked if _not_added(name)), None)
     if first is None:
         return None
     ln_bf = scored[first.place, first.drivers]
-    others = max((scored[name.place, name.drivers] for name in ranked if not _not_added(name)), default=-np.inf)
+    others = max(
+        (scored[name.place, name.drivers] for name in ranked if not _not_added(name)), default=-np.inf
+    )
     least = _least_ln_bf(len(scored))
     return first if ln_bf > max(least, others + np.log(_ODDS)) else None
 

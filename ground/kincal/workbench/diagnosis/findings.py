@@ -337,10 +337,8 @@ def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tu
     return study.held_gain(model, h), curves(study.fit((*model, h)), h), _chance(study, model, h, chosen)
 
 
-def _by_orientation(
-    study: Study, model: Model, cell: Cell
-) -> tuple[HeldGain, tuple[Curve, ...], float]:
-    """The same for a function of the tool's orientation, which no term can hold: by the columns of its cell."""
+def _by_orientation(study: Study, model: Model, cell: Cell) -> tuple[HeldGain, tuple[Curve, ...], float]:
+    """The same for a function of the tool's orientation, which no term can hold: by its cell's columns."""
 
     def columns(fit: Fit) -> Array:
         every = cells(Columns(fit, np.ones(fit.data.n)), double=False)

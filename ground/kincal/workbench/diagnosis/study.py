@@ -301,8 +301,8 @@ class Study:
         )
 
     def linear_gain(self, model: Model, columns: Callable[[Fit], Array]) -> tuple[HeldGain, Support] | None:
-        """The same for a function that no term can hold, by its whitened columns at a fit, linear there: of all
-        poses in turns. None where too few poses are there."""
+        """What poses that were not fitted gain from a function that no term can hold: of all poses in turns,
+        linear at the fit, where `columns` gives its whitened ones. None where too few poses are there."""
         if not self.can_take_turns:
             return None
         fit, groups = self.fit(model), self._pool.repeats

@@ -1,8 +1,8 @@
 """The orientation of the tool as a driver of errors: of a sensor, of its target, of a tool that bends.
 
-Joint angles say the orientation only all together, and angles of the tool wrap: the drivers are components of
-unit vectors, which are smooth and have one value each. They are taken where the model expects the tool, since the
-measured orientation carries the noise of the residual.
+Joint angles determine the orientation only all together, and angles of the tool wrap: the drivers are
+components of unit vectors, which are smooth and have one value each. They are taken where the model expects
+the tool, since the measured orientation carries the noise of the residual.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _SECOND = 0.5  # size of the second degree of a function relative to the first o
 def orientation_features(columns: Columns) -> Iterator[tuple[str, Array]]:
     """(name, (N, k) centred features) of each driver that varies.
 
-    ORIENTATION: in proportion to the nine components of the tool's axes as the sensor sees them, in the frame of
-    the camera or else of the base; TOOL_AXES: the direction of one of these axes, to the second degree; GRAVITY:
-    its direction in the frame of the tool, to the second degree.
+    ORIENTATION: in proportion to the nine components of the tool's axes as the sensor sees them, in the frame
+    of the camera or else of the base; TOOL_AXES: the direction of one of these axes, to the second degree;
+    GRAVITY: its direction in the frame of the tool, to the second degree.
     """
     axes, gravity = _axes(columns), _gravity(columns)
     every = axes.reshape(-1, 9)

@@ -38,8 +38,8 @@ _LEAST_EIGENVALUE = 1e-6  # of the largest one
 _SHIFTS, _TURNS = (0, 1, 2), (3, 4, 5)
 _MEASURED = "measured orientation"
 _SEEN = (ORIENTATION, *TOOL_AXES)
-# What may follow the orientation of the tool: errors of the sensor follow it as the sensor sees it, a tool or a
-# target that bends follows gravity.
+# What may follow the orientation of the tool: errors of the sensor follow it as the sensor sees it, a tool or
+# a target that bends follows gravity.
 _ORIENTED = {
     "base translation": (*_SEEN, GRAVITY),
     "camera translation": _SEEN,
@@ -172,9 +172,13 @@ def oriented(columns: Columns) -> list[tuple[Location, list[Driver]]]:
 
 
 def _measured(columns: Columns) -> Location:
-    """A turn of the measured orientation that leaves the position as it is: no frame of the chain does that."""
-    turns = columns.fit.whiten[:, :, 3:].reshape(-1, 3)
-    rows = columns.weighted(turns).reshape(columns.n, columns.c, 3)
+    """A turn of the measured orientation, about axes of the sensor, that leaves the position as it is: no
+    frame of the chain does that."""
+    camera = columns.fit.data.cam_quat_wxyz
+    turns = columns.fit.whiten[:, :, 3:]
+    if camera is not None:
+        turns = turns @ matrix_of_wxyz(camera)
+    rows = columns.weighted(turns.reshape(-1, 3)).reshape(columns.n, columns.c, 3)
     return Location(_MEASURED, TYPICAL_SIZE * rows.transpose(0, 2, 1))
 
 

@@ -6,7 +6,7 @@ from kincal_shared.schema.terms import Basis
 
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit
-from ..model.unnamed_names import UnnamedName
+from ..model.unnamed_names import OF_ORIENTATION
 from ..numerics.types import Array, array
 from .orientation import z_component
 from .unnamed import drivers
@@ -22,7 +22,7 @@ def variable_values(name: str, fit: Fit) -> Array:
         return fit.model.basis_values(Basis("lin", name, 0), fit.estimate)
     if name.startswith("tau"):
         return fit.model.basis_values(Basis("lin", "tau", int(name[3:])), fit.estimate)
-    if UnnamedName("", (name,)).of_orientation:
+    if name in OF_ORIENTATION:
         return z_component(name, Columns(fit))
     return next(driver.features[:, 0] for driver in drivers(Columns(fit)) if driver.name == name)
 

@@ -10,7 +10,9 @@ from kincal_shared.schema.names import UNNAMED
 
 TOOL_AXES = ("tool_x", "tool_y", "tool_z")
 ORIENTATION, GRAVITY = "orientation", "gravity"
-_OF_ORIENTATION = {ORIENTATION, *TOOL_AXES, GRAVITY}
+OF_ORIENTATION = frozenset((ORIENTATION, *TOOL_AXES, GRAVITY))
+"""Drivers of the map that are the orientation of the tool."""
+
 _HELD_BY = {"range": "camera translation", "tag tilt": "tag rotation"}
 _NAME = re.compile(rf"{UNNAMED}\[(?P<place>[^:\[\]]+):(?P<drivers>[^:\[\]]+)\]")
 
@@ -47,7 +49,7 @@ class UnnamedName:
     @property
     def of_orientation(self) -> bool:
         """Whether the function is one of the tool's orientation, for which terms have no variables."""
-        return not _OF_ORIENTATION.isdisjoint(self.drivers)
+        return not OF_ORIENTATION.isdisjoint(self.drivers)
 
     def __str__(self) -> str:
         return f"{UNNAMED}[{self.place}: {', '.join(self.drivers)}]"

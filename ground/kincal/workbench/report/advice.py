@@ -121,7 +121,7 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     change = d.advised
     if d.novel is not None and d.novel.found and UnnamedName.parse(d.novel.name).of_orientation:
         yield Step(
-            f"{explain.FOLLOWS_ORIENTATION}; then measure again",
+            f"{explain.FOLLOWS_ORIENTATION}; {explain.NO_TERM}",
             _kincal("compare", *inputs.sources, *inputs.diagnosed),
         )
     smooth = [] if d.novel is None or d.exhausted else [*_smooth(d.novel, inputs)]

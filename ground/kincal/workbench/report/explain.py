@@ -44,10 +44,10 @@ _DRIVERS = {
     "tool_x": "direction of the tool's x axis",
     "tool_y": "direction of the tool's y axis",
     "tool_z": "direction of the tool's z axis",
-    "gravity": "direction of gravity as the tool feels it",
+    "gravity": "gravity in the tool frame",
 }
 _JOINT_DRIVERS = {"tau": "gravity torque", "dir": "approach direction", "qdot": "velocity"}
-_NO_ARTICLE = ("time", "temperature", "tool position")  # of what is said of them in words
+_NO_ARTICLE = ("time", "temperature", "tool position", "gravity in")  # of what is said of them in words
 _SLOW = {"t", "order", "temp"}  # what only these change drifts
 _AT = {
     "base rotation": "base orientation",
@@ -371,10 +371,12 @@ def turned_frame(t: TurnedFrame) -> str:
     )
 
 
-def reachable_by(r: Reachable) -> str:
+def reachable_by(r: Reachable, p_structure: float) -> str:
     """From what the reachable error was predicted, or why it is that of the model."""
     if not r.enough:
         return "too few poses to tell"
+    if not r.parts and p_structure <= STRUCTURE_P:
+        return "Gaussian process regression on all recorded variables at once predicts no better"
     if not r.parts:
         return "the residual depends on no recorded variable"
     parts = ", ".join(f"{place} vs {in_words(variable)}" for place, variable in r.parts)
@@ -514,11 +516,13 @@ def _held_fall(d: Diagnosis) -> str:
 
 
 FOLLOWS_ORIENTATION = (
-    "the error follows the orientation of the tool: look at the target and its calibration, at the sensor's line "
-    "of sight to it, and at a tool that bends; no term can follow it, and functions of the joints would only "
-    "stand for it"
+    "the error follows the orientation of the tool as the sensor sees it: look at the target and its "
+    "calibration, at the sensor's line of sight, and at a tool that bends"
 )
-"""Of a function of the tool's orientation: what may be its cause, and why no model is to hold it."""
+"""Of a function of the tool's orientation: what may be its cause."""
+
+NO_TERM = "no term of a model can follow it, and functions of the joints would only stand for it"
+"""Of such a function: why it is not added."""
 
 MAY_BE_NOISE = (
     "poses that were not fitted do not confirm it: larger noise at this location (of an encoder, say) looks "
