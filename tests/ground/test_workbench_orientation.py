@@ -16,6 +16,7 @@ from kincal.workbench.evidence.orientation import orientation_features, z_compon
 from kincal.workbench.evidence.unnamed import oriented
 from kincal.workbench.fit.columns import Columns
 from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.prediction.reachable import Reachable
 from kincal.workbench.report import advice, explain
 from kincal.workbench.report.diagnosis_text import diagnosis_text
 from kincal.workbench.report.partial import place_panels
@@ -144,6 +145,14 @@ def test_what_is_reachable_knows_the_orientation(arm, measured):
     assert found.reachable.pos_m < 0.8 * found.rms["held"][0]
     assert found.reachable.parts[0][0] == "base translation"
     assert found.reachable.parts[0][1] in ("orientation", "tool_x")
+
+
+@pytest.mark.parametrize(
+    ("p_structure", "said"), [(0.5, "depends on no recorded variable"), (1e-6, "none of it")]
+)
+def test_what_follows_a_variable_but_is_not_predicted_is_not_said_to_follow_none(p_structure, said):
+    nothing = Reachable(1e-3, None, 0.0)
+    assert explain.reachable_by(nothing, p_structure).endswith(said)
 
 
 def test_it_is_an_unnamed_finding_and_the_model_does_not_explain_the_data(diagnosed):

@@ -376,7 +376,7 @@ def reachable_by(r: Reachable, p_structure: float) -> str:
     if not r.enough:
         return "too few poses to tell"
     if not r.parts and p_structure <= STRUCTURE_P:
-        return "Gaussian process regression on all recorded variables at once predicts no better"
+        return "Gaussian process regression on all recorded variables at once predicts none of it"
     if not r.parts:
         return "the residual depends on no recorded variable"
     parts = ", ".join(f"{place} vs {in_words(variable)}" for place, variable in r.parts)
