@@ -2,6 +2,7 @@
 said of them, and that no term stands for them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import poses
@@ -11,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from kincal import workbench as wb
 from kincal.cli.text import model as text
 from kincal.workbench.comparison.compare import compare
+from kincal.workbench.diagnosis.additions import _first_instead
+from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.evidence import orientation
 from kincal.workbench.evidence.orientation import orientation_features, z_component
 from kincal.workbench.evidence.unnamed import oriented
@@ -165,11 +168,19 @@ def test_it_is_an_unnamed_finding_and_the_model_does_not_explain_the_data(diagno
 
 def test_it_is_said_what_to_look_at_and_advises_no_function_of_the_joints(diagnosed):
     said = diagnosis_text(diagnosed)
-    assert said.count(explain.FOLLOWS_ORIENTATION) == 1
+    assert said.count(explain.FOLLOWS_ORIENTATION) == 1 and " try: " not in said
     assert "the base position depends on" in said
     steps = advice.next_steps(diagnosed, (), advice.Inputs("a.toml", ("--data", "d.csv")))
     assert any(s.why.startswith(explain.FOLLOWS_ORIENTATION) for s in steps)
     assert not any("add" in s.command for s in steps)
+
+
+def test_a_gain_of_rotations_alone_is_said_without_a_judgement_on_positions():
+    held = HeldGain(1e-3, 1e-3, (0.99, 1.01), cross_validated=True, rotation=0.25)
+    said = explain.smooth_gain(SimpleNamespace(name="unnamed[measured orientation: tool_z]", held=held))
+    assert said == "cross-validated error 1.000 to 1.000 mm, rotation error times 0.250"
+    of_joint = explain.smooth_gain(SimpleNamespace(name="unnamed[joint 1: q1]", held=held))
+    assert of_joint == explain.held_gain(held)
 
 
 def test_what_it_leaves_is_drawn_against_a_component(diagnosed):
@@ -188,3 +199,11 @@ def test_no_term_stands_for_it(arm, measured):
     found = wb.find_unnamed(arm, data, ["unnamed"])
     assert found.names == () and found.all_of_them.instead.of_orientation
     assert explain.FOLLOWS_ORIENTATION in "\n".join(text.additions(found))
+
+
+@pytest.mark.parametrize(("of_joint", "stops"), [(10.0, True), (25.0, False)])
+def test_orientation_stops_other_functions_only_with_twice_their_evidence(of_joint, stops):
+    """Joint angles follow the orientation in part: on a real arm, functions of them predict better."""
+    names = [wb.UnnamedName("base translation", ("tool_x",)), wb.UnnamedName("joint 2", ("q2",))]
+    scored = {(n.place, n.drivers): ln_bf for n, ln_bf in zip(names, (30.0, of_joint), strict=True)}
+    assert (_first_instead(scored, names) == names[0]) == stops

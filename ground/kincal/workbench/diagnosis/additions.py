@@ -28,6 +28,7 @@ from . import Diagnosis, HeldGain
 MOST_EFFECTS = 10
 _TRIED = 12  # names whose whole function is scored at each step
 _ODDS = 9.0
+_TIMES = 2.0  # the ln evidence of all other functions that one of the orientation needs to stop them
 _ROWS_EACH = (
     2  # that the poses have for each coefficient of the whole model; with fewer, functions only fit noise
 )
@@ -215,8 +216,10 @@ def _first_instead(
     others = max(
         (scored[name.place, name.drivers] for name in ranked if not _not_added(name)), default=-np.inf
     )
-    least = _least_ln_bf(len(scored))
-    return first if ln_bf > max(least, others + np.log(_ODDS)) else None
+    least = max(_least_ln_bf(len(scored)), others + np.log(_ODDS))
+    if first.of_orientation:  # which joint angles follow in part: little more evidence decides nothing
+        least = max(least, _TIMES * others)
+    return first if ln_bf > least else None
 
 
 def _least_ln_bf(tries: int) -> float:

@@ -305,7 +305,7 @@ def unnamed_finding(study: Study, found: Selection) -> UnnamedFinding:
         name=str(name),
         location=top.best.location,
         depends_on=top.best.drivers,
-        suggested_terms=suggest(top.best, posterior.scorer),
+        suggested_terms=() if name.of_orientation else suggest(top.best, posterior.scorer),
         p_value=_unnamed_p(posterior, top),
         probability=posterior.unnamed * support,
         held=held,

@@ -28,7 +28,8 @@ def orientation_features(columns: Columns) -> Iterator[tuple[str, Array]]:
     of the camera or else of the base; TOOL_AXES: the direction of one of these axes, to the second degree;
     GRAVITY: its direction in the frame of the tool, to the second degree.
     """
-    axes, gravity = _axes(columns), _gravity(columns)
+    tool = _tool(columns)
+    axes, gravity = _axes(columns, tool), _gravity(columns, tool)
     every = axes.reshape(-1, 9)
     if _varies(every):
         yield ORIENTATION, _centred(every)
@@ -39,28 +40,29 @@ def orientation_features(columns: Columns) -> Iterator[tuple[str, Array]]:
 
 def z_component(driver: str, columns: Columns) -> Array:
     """(N,) of the direction that a driver is, to plot against; of all axes, that of the tool's z axis."""
+    tool = _tool(columns)
     if driver == GRAVITY:
-        return array(_gravity(columns)[:, 2])
+        return array(_gravity(columns, tool)[:, 2])
     axis = TOOL_AXES.index(driver) if driver in TOOL_AXES else 2
-    return array(_axes(columns)[:, 2, axis])
+    return array(_axes(columns, tool)[:, 2, axis])
 
 
-def _axes(columns: Columns) -> Array:
+def _axes(columns: Columns, tool: Array) -> Array:
     """(N, 3, 3) axes of the tool, as columns, in the frame of the camera or else of the base."""
-    tool, camera = _tool(columns), columns.fit.data.cam_quat_wxyz
+    camera = columns.fit.data.cam_quat_wxyz
     return tool if camera is None else array(matrix_of_wxyz(camera).transpose(0, 2, 1) @ tool)
 
 
-def _gravity(columns: Columns) -> Array:
+def _gravity(columns: Columns, tool: Array) -> Array:
     """(N, 3) direction of gravity in the frame of the tool; 0 where there is none."""
     fit = columns.fit
     g = fit.data.g_m_s2 if fit.data.g_m_s2 is not None else np.array(fit.arm.gravity_m_s2, dtype=float)
     size = np.maximum(np.linalg.norm(g, axis=-1, keepdims=True), 1e-9)
-    return array(np.einsum("nji,...j->ni", _tool(columns), g / size))
+    return array(np.einsum("nji,...j->ni", tool, g / size))
 
 
 def _tool(columns: Columns) -> Array:
-    """(N, 3, 3) where the model expects the tool."""
+    """(N, 3, 3) axes of the tool, as columns, where the model expects it."""
     return columns.fit.model.poses(columns.fit.estimate).R
 
 

@@ -77,11 +77,7 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
     return [
         f"not in the library: {explain.unnamed(u)} "
         f'({explain.probability(u.probability)} against "nothing missing" and every named effect)',
-        *(
-            [f'      a smooth function there, "{u.name}": {explain.held_gain(u.held)}']
-            if _modelled(u)
-            else []
-        ),
+        *([f'      a smooth function there, "{u.name}": {explain.smooth_gain(u)}'] if _modelled(u) else []),
         *([f"      {explain.FOLLOWS_ORIENTATION}"] if UnnamedName.parse(u.name).of_orientation else []),
         *([] if u.found else [f"      {explain.MAY_BE_NOISE}"]),
         *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],

@@ -15,6 +15,7 @@ from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
+from ..model.unnamed_names import UnnamedName
 from ..prediction.gain import judged, much_worse
 from ..prediction.nested import EffectGain, NestedModels
 from ..prediction.nextposes import NextPose, poses_to_decide
@@ -58,6 +59,7 @@ _AT = {
     "camera translation": "camera position",
     "tag rotation": "tag orientation",
     "tag tilt": "measured tilt of the tag",
+    "measured orientation": "measured orientation",
     "range": "measured range",
 }
 _BLOCKS = {
@@ -154,6 +156,16 @@ def held_gain(gain: HeldGain) -> str:
         f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}){turned}: "
         f"{judged(gain.interval)}"
     )
+
+
+def smooth_gain(u: UnnamedFinding) -> str:
+    """What poses that were not fitted say of the function of something unnamed. One of the tool's orientation
+    may concern the rotations alone: both errors are said, and no judgement on positions."""
+    gain = u.held
+    if not UnnamedName.parse(u.name).of_orientation or not math.isfinite(gain.after_m):
+        return held_gain(gain)
+    turned = "" if gain.rotation is None else f", rotation error times {gain.rotation:.3f}"
+    return f"cross-validated error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm{turned}"
 
 
 def probability(p: float) -> str:
