@@ -1,7 +1,8 @@
 """Names of the term grammar: functions, variables, twist components, places on the arm; of acquisitions.
 
-Names only. Their numbers are those of the flight headers (kc_terms.h, kc_variables.h), which `kincal.flight` reads;
-tests/ground/test_schema_terms.py compares the two. variables.csv has the variables; `make stubs` makes it.
+Names only. Their numbers are those of the flight headers (kc_terms.h, kc_variables.h), which `kincal.flight`
+reads; tests/ground/test_schema_terms.py compares the two. `make stubs` makes variables.csv, which has the
+variables.
 """
 
 from __future__ import annotations
