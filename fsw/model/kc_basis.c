@@ -23,6 +23,11 @@ static double of_pnp(const kc_ctx_t *ctx, uint32_t var, uint32_t column)
     return column <= KC_PNP_MAX ? ctx->pnp[var - KC_VAR_PNP_TX][column] : 0.0;
 }
 
+static double of_move(const kc_ctx_t *ctx, uint32_t joint)
+{
+    return joint <= KC_MOVE_MAX ? ctx->move[joint] : 0.0;
+}
+
 /* Component of gravity in the frame of a link. */
 static double of_gravity(const kc_loads_t *loads, uint32_t link, uint32_t axis)
 {
@@ -77,6 +82,7 @@ static double variable(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_
     case KC_VAR_PNP_RX:
     case KC_VAR_PNP_RY:
     case KC_VAR_PNP_RZ: return of_pnp(ctx, b->var, b->index);
+    case KC_VAR_MOVE: return of_move(ctx, b->index);
     default: return 0.0; /* validated tables hold nothing else */
     }
 }

@@ -58,7 +58,8 @@ typedef enum {
     KC_VAR_PNP_RX = 32, /* [rad per unit] */
     KC_VAR_PNP_RY = 33,
     KC_VAR_PNP_RZ = 34,
-    KC_VAR_COUNT = 35
+    KC_VAR_MOVE = 35, /* last move of joint 1.. KC_MOVE_MAX before the reading [rad or m]; ground only */
+    KC_VAR_COUNT = 36
 } kc_var_t;
 
 /* Index of a gravity lever: link 0 .. n-1 (its z axis is that of joint link + 1), and a body beyond it: link
@@ -124,6 +125,7 @@ typedef struct {
     double range_m, incid_rad, u_norm, v_norm, pan_rad, tilt_rad, tag;
     double p_cam_tool_m[3];
     double pnp[6][KC_PNP_MAX + 1u]; /* by component, then column; column 0 stays 0 */
+    double move[KC_MOVE_MAX + 1u];  /* by joint, counted from 1; 0 stays 0 */
 } kc_ctx_t;
 
 /* What gravity does to the arm in one pose (the motors hold against it), evaluated on the chain

@@ -9,7 +9,7 @@
 static bool looks_at_view(const kc_basis_t *b)
 {
     return b->var == KC_VAR_U || b->var == KC_VAR_V || b->var == KC_VAR_R2 || b->var == KC_VAR_XCAM ||
-           b->var == KC_VAR_YCAM || b->var == KC_VAR_ZCAM || b->var > KC_VAR_PNP_RZ;
+           b->var == KC_VAR_YCAM || b->var == KC_VAR_ZCAM || b->var > KC_VAR_MOVE;
 }
 
 static uint32_t view_passes(const kc_terms_t *terms)

@@ -70,6 +70,15 @@ VARIABLES = {
     "dir": Variable(
         "dir", "-1, 0, 1", True, "dir", given="direction", about="sign of the last motion of each joint"
     ),
+    "move": Variable(
+        "move",
+        "rad or m",
+        True,
+        "move",
+        given="move",
+        about="change of each joint since the pose before; 0 for an arm that waited until it was at rest",
+        unless_given=0.0,
+    ),
     "temp": Variable("temp", "deg C", needs="temp_c", given="temp_c", about="temperature of the arm"),
     "t": Variable("t", "s", needs="t_s", given="t_s", about="time, as in the measurements"),
     "payload": Variable(

@@ -198,7 +198,7 @@ def drivers(columns: Columns) -> list[Driver]:
 
 def _order(found: Mapping[str, Array], joints: int) -> list[str]:
     """Names in the order of the map's columns."""
-    per_joint = [f"{kind}{j}" for kind in ("q", "tau", "dir", "qdot") for j in range(1, joints + 1)]
+    per_joint = [f"{kind}{j}" for kind in ("q", "tau", "dir", "move", "qdot") for j in range(1, joints + 1)]
     single = ["t", "temp", "payload", "tag", "zcam", "u", "v", "r2", "sx", "sy", "sz", "incid", "pan",
               "tilt", "order"]  # fmt: skip
     return [name for name in (*per_joint, *single) if name in found]
@@ -210,7 +210,7 @@ def _recorded(data: Measurements, prismatic: tuple[bool, ...]) -> dict[str, Arra
     out = {
         f"q{j}": _features(_angle_kernel(data.q[:, j - 1], slides)) for j, slides in enumerate(prismatic, 1)
     }
-    for label, values in (("dir", data.direction), ("qdot", data.qdot)):
+    for label, values in (("dir", data.direction), ("move", data.move), ("qdot", data.qdot)):
         if values is not None:
             out |= {f"{label}{j}": _linear(values[:, j - 1]) for j in range(1, len(prismatic) + 1)}
     scalars = {"temp": data.temp_c, "payload": data.payload_kg, "tag": data.tag, "incid": data.incid_rad,
