@@ -149,13 +149,19 @@ def test_what_follows_the_last_move_does_not_fly_and_is_said_to_need_the_order(a
         check_needs(library, ["joint_settling[2]"], arm, replace(data, move=None))
 
 
-def test_next_poses_assume_moves_of_the_usual_length(arm, library):
+def test_next_poses_are_not_said_to_tell_what_only_the_length_of_their_moves_would(arm, library):
+    """From where the arm will come to them, nobody knows."""
     rng = np.random.default_rng(7)
     q = random_joints(rng, 60)
     data = with_direction(measured(rng, q, 6e-4 * of_joint_2(changes(q))))
     fit = fit_model(arm, data)
-    rivals = [library.find(name, arm, data)[0] for name in ("joint_settling[2]", "encoder_gain[2]")]
-    assert len(next_poses(fit, rivals, count=3)) == 3
+
+    def separation(*names):
+        effects = [library.find(name, arm, data)[0] for name in names]
+        return max(pose.d2 for pose in next_poses(fit, effects, count=3))
+
+    beside_gain = separation("joint_settling[2]", "encoder_gain[2]")
+    assert separation("joint_settling[2]", "backlash[2]") < 0.3 * beside_gain
 
 
 # --------------------------------------------------------------------------- replicates
