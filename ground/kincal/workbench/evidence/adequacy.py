@@ -9,7 +9,7 @@ import numpy as np
 
 from ..data.measurements import Measurements
 from ..fit.columns import Columns
-from ..fit.least_squares import Fit
+from ..fit.least_squares import Fit, taken_by
 from ..fit.thinning import thinned
 from ..numerics.distributions import chi2_quantile, chi2_tail, f_tail, normal_quantile, rank_sum_p
 from ..numerics.types import Array, Mask
@@ -135,7 +135,8 @@ def _pos_rot(variance: Array) -> tuple[float, float | None]:
 
 
 def lack_of_fit(fit: Fit, floor: NoiseFloor) -> float | None:
-    """p-value of lack of fit: F test against replicates, else chi^2 with the noise scale marginalised.
+    """p-value of lack of fit: F test against replicates, else chi^2 with the noise scale marginalised, of all
+    rows, or of positions and of rotations by themselves: one that is left must not hide behind the other.
 
     None when nothing says how large the noise is.
     """
@@ -144,9 +145,29 @@ def lack_of_fit(fit: Fit, floor: NoiseFloor) -> float | None:
         return by_replicates
     if fit.data.cov is None:
         return None
+    parts = [_beyond_stated(chi2, dof) for chi2, dof in _position_and_rotation(fit)]
+    return min([_beyond_stated(fit.chi2, fit.dof), *(2.0 * p for p in parts)])
+
+
+def _beyond_stated(chi2: float, dof: float) -> float:
+    """p-value of chi^2 with stated noise, whose scale is marginalised."""
     ln_s = np.linspace(-4.0, 4.0, 161) * LN_SCALE_SIGMA
     weight = np.exp(-0.5 * (ln_s / LN_SCALE_SIGMA) ** 2)
-    return float((weight * chi2_tail(fit.chi2 / np.exp(2 * ln_s), fit.dof)).sum() / weight.sum())
+    return float((weight * chi2_tail(chi2 / np.exp(2 * ln_s), dof)).sum() / weight.sum())
+
+
+def _position_and_rotation(fit: Fit) -> Iterator[tuple[float, float]]:
+    """chi^2 and degrees of freedom of the position rows and of the rotation rows of good poses; none where
+    there are no rotations."""
+    z = fit.z.reshape(fit.data.n, -1)
+    if z.shape[1] < 6:
+        return
+    rows = fit.J.reshape(fit.data.n, 6, -1) * fit.sigma_prior / fit.scale
+    rows *= np.sqrt(fit.weight)[:, None, None]
+    spent = (taken_by(rows.reshape(z.size, -1)) ** 2).sum(axis=1).reshape(z.shape) if rows.size else 0.0 * z
+    for part in (slice(0, 3), slice(3, 6)):
+        left = (1.0 - spent[fit.good, part]).sum()
+        yield float((z[fit.good, part] ** 2).sum()), max(float(left), 1.0)
 
 
 def _f_test(fit: Fit) -> float | None:

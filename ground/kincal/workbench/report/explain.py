@@ -453,7 +453,10 @@ def _verdict(d: Diagnosis) -> str:
         return found + ("; held-out poses depend on no recorded variable" if d.exhausted else "") + "."
     accepted = [e.name for e in taken if e.accepted and is_shown(e)]
     if not accepted:
-        return f"Something is missing, but no effect is shown to help: {with_them}."
+        none = "no effect that helps is likely to be the cause" if any(e.helps for e in taken) else (
+            "no effect is shown to help"
+        )  # fmt: skip
+        return f"Something is missing, but {none}: {with_them}."
     if shown == accepted:
         with_them = _with("it" if len(shown) == 1 else "them", open_, d)
     return f"Consistent with {listed(accepted)}: {with_them}."
