@@ -191,6 +191,15 @@ def test_backlash_is_no_noise_of_replicates_that_were_approached_from_both_sides
     assert "differ by the side that joints came from" in text
 
 
+def test_where_all_joints_came_from_one_side_the_joint_that_errs_is_the_simpler_cause(arm, library):
+    """It was P = .33, shared with couplings to each other joint, of which such data show nothing."""
+    data, side = twice(np.random.default_rng(8), loose)
+    d = wb.diagnose(arm, replace(data, direction=side), library)
+    [found] = [e for e in d.effects if e.in_model]
+    assert found.name == "backlash[2]" and found.accepted and found.probability > 0.9
+    assert {f"backlash_coupling[2,{j}]" for j in (1, 3, 4, 5, 6, 7)} <= set(found.confounded_with)
+
+
 def test_without_directions_every_other_visit_shows_it(arm):
     data, _ = twice(np.random.default_rng(8), loose)
     floor = noise_floor(fit_model(arm, with_direction(data)))
