@@ -51,6 +51,16 @@ class Driver:
     name: str
     features: Array
 
+    @property
+    def is_move(self) -> bool:
+        """A joint's last move, which a pose has only after another one."""
+        return self.name.startswith("move")
+
+    def acts_at(self, location: str) -> bool:
+        """Whether an error at a location may follow it: how far joints moved tells of joints that are not at
+        rest, and of nothing else."""
+        return location.startswith("joint") or not self.is_move
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -96,7 +106,7 @@ def cells(columns: Columns, *, double: bool = True) -> list[Cell]:
     """All cells. Cells of two drivers are only made at joints (elsewhere they cannot be distinguished)."""
     places, singles = locations(columns), drivers(columns)
     joints = [place for place in places if place.name.startswith("joint")]
-    out = [_cell(place, driver) for place in places for driver in singles]
+    out = [_cell(place, driver) for place in places for driver in singles if driver.acts_at(place.name)]
     if double:
         out += [_cell(place, driver) for driver in _pairs(columns) for place in joints]
     return out
