@@ -288,11 +288,14 @@ def _mount_lever(arm: ArmTable) -> Array:
     return lever
 
 
-def _gain(value: float | str, arm: ArmTable, names: Mapping[str, int], where: str) -> float:
-    """A gain with the properties of link j and of the base filled in."""
+def _gain(
+    value: float | str, arm: ArmTable, names: Mapping[str, int], constants: Mapping[str, float], where: str
+) -> float:
+    """A gain with constants and the properties of link j and of the base filled in."""
     if not isinstance(value, str):
         return float(value)
     symbols = dict(zip(("Bx", "By", "Bz"), _mount_lever(arm), strict=True))
+    symbols |= {f"${name}": constant for name, constant in constants.items()}
     if "j" in names:
         length = _link_vector(arm, names["j"])
         joint = arm.joints[names["j"] - 1]
@@ -324,7 +327,7 @@ def _concrete_term(
             what = f"basis {entry.basis!r} names joint {factor.highest_link}, the arm has {arm.n}"
             raise BadInput(what, where)
     number = frame if isinstance(frame, int) else _FRAMES[frame]
-    return Term(number, COMPONENTS.index(comp), _gain(entry.gain, arm, names, where), basis)
+    return Term(number, COMPONENTS.index(comp), _gain(entry.gain, arm, names, constants, where), basis)
 
 
 def _values(arm: ArmTable, names: Mapping[str, int], constants: Mapping[str, float]) -> Names:

@@ -150,6 +150,7 @@ def _effect_json(e: EffectFinding) -> Json:
             {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit} for p in e.parameters
         ],
         "confounded_with": list(e.confounded_with),
+        "inspect": e.inspect,
         "why": explain.why(e),
         "accepted": e.accepted,
         "helps": e.helps,

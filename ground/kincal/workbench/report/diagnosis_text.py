@@ -67,6 +67,7 @@ def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
         f"{_mark(e)} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),
         *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
         *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),
+        *([f"      inspect: {e.inspect}"] if explain.is_confounded(e) and e.inspect else []),
     ]
 
 

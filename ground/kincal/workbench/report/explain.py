@@ -20,6 +20,8 @@ from ..prediction.nested import EffectGain, NestedModels
 from ..prediction.nextposes import NextPose, poses_to_decide
 from ..prediction.reachable import Reachable
 
+_CLAIMED = 0.9  # probability from which on an effect, or one of several, is there
+_ONE_NAME = 0.8  # probability of a name from which on no other is said beside it
 LIKELY = 0.5  # probability from which on an effect may be named as found
 
 _DRIVERS = {
@@ -100,8 +102,8 @@ def why(e: EffectFinding) -> str:
     """One sentence about what speaks for an effect, and what restricts that. A probability is said only of
     what won or competes by it."""
     text = (
-        f"consistent with {e.label}: its pattern explains {percent(e.explained_share)} of the residual of "
-        f"the model without it, {held_gain(e.held)}"
+        f"consistent with {e.label}{_or_confounded(e)}: its pattern explains "
+        f"{percent(e.explained_share)} of the residual of the model without it, {held_gain(e.held)}"
     )
     if e.role == "helps":
         text += "; something unnamed explains more, but "
@@ -115,6 +117,18 @@ def why(e: EffectFinding) -> str:
     if e.inferred_direction:
         text += "; approach direction inferred from the order of measurement"
     return text
+
+
+def is_confounded(e: EffectFinding) -> bool:
+    """These data leave open whether it is this effect or one that it is confounded with."""
+    return bool(e.confounded_with) and e.doubts.identity < _ONE_NAME
+
+
+def _or_confounded(e: EffectFinding) -> str:
+    """What may be meant as well, where these data leave that open."""
+    if not is_confounded(e):
+        return ""
+    return f" or with what these data cannot tell from it ({grouped(e.confounded_with)})"
 
 
 def doubts(e: EffectFinding) -> str:
@@ -443,6 +457,8 @@ def _verdict(d: Diagnosis) -> str:
             "effect is shown to predict it: the noise is larger there, or these poses do not determine the "
             "effect."
         )
+    if d.verdict == "undecidable" and (one := _one_of(d)):
+        return f"{one}: {with_them}."
     if d.verdict == "undecidable":
         return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
     if d.verdict == "novel" and d.novel is not None:
@@ -459,7 +475,33 @@ def _verdict(d: Diagnosis) -> str:
         return f"Something is missing, but {none}: {with_them}."
     if shown == accepted:
         with_them = _with("it" if len(shown) == 1 else "them", open_, d)
-    return f"Consistent with {listed(accepted)}: {with_them}."
+    named = [_with_others(e, d) for e in taken if e.name in accepted]
+    return f"Consistent with {listed(named)}: {with_them}."
+
+
+def _one_of(d: Diagnosis) -> str:
+    """That one of several effects is there, and that these data leave open which; empty where that is not
+    so."""
+    for e in d.effects:
+        names = [e.name, *_likely_confounded(e, d)]
+        if e.accepted and e.doubts.either > _CLAIMED and len(names) > 1:
+            said = f"{', '.join(names[:-1])} or {names[-1]}"
+            return (
+                f"Consistent with {said}, which these data cannot tell apart "
+                f"({probability(e.doubts.either)} that it is one of them)"
+            )
+    return ""
+
+
+def _with_others(e: EffectFinding, d: Diagnosis) -> str:
+    """An effect by name, with those that it may be as well."""
+    others = _likely_confounded(e, d) if is_confounded(e) else []
+    return f"{e.name} (or {' or '.join(others)})" if others else e.name
+
+
+def _likely_confounded(e: EffectFinding, d: Diagnosis) -> list[str]:
+    """Likely effects that these data cannot tell from this one."""
+    return [x.name for x in d.effects if x.name in e.confounded_with and not x.in_model]
 
 
 def is_shown(e: EffectFinding) -> bool:
