@@ -41,6 +41,11 @@ static double of_pnp(const kc_ctx_t *ctx, uint32_t comp, uint32_t column)
     return column <= KC_PNP_MAX ? ctx->pnp[comp][column] : 0.0;
 }
 
+static double of_move(const kc_ctx_t *ctx, uint32_t joint)
+{
+    return joint <= KC_MOVE_MAX ? ctx->move[joint] : 0.0;
+}
+
 /* Component of gravity in the frame of a link. */
 static double of_gravity(const kc_loads_t *loads, uint32_t link, uint32_t axis)
 {

@@ -14,7 +14,8 @@ typedef enum {
     KC_INDEX_JOINT = 1,  /* joint 1 .. n */
     KC_INDEX_LINK = 2,   /* link 0 .. n, 0: the whole arm about frame 0 */
     KC_INDEX_LEVER = 3,  /* KC_LEVER_INDEX(link, body) */
-    KC_INDEX_COLUMN = 4  /* column 1 .. KC_PNP_MAX of a PnP pose */
+    KC_INDEX_COLUMN = 4, /* column 1 .. KC_PNP_MAX of a PnP pose */
+    KC_INDEX_MOVE = 5    /* joint 1 .. n, up to KC_MOVE_MAX */
 } kc_var_index_t;
 
 /* What a variable is computed from. POINTS: twist of a PnP pose per unit of a fault of camera or target; the ground
@@ -95,7 +96,10 @@ typedef enum {
     X(33, PNP_RY, COLUMN, POINTS, "pry", "m or rad", "column of a PnP pose, turn about y", unbounded(),     \
       of_pnp(ctx, 4u, b->index))                                                                            \
     X(34, PNP_RZ, COLUMN, POINTS, "prz", "m or rad", "column of a PnP pose, turn about z", unbounded(),     \
-      of_pnp(ctx, 5u, b->index))
+      of_pnp(ctx, 5u, b->index))                                                                            \
+    X(35, MOVE, MOVE, RECORD, "move", "rad or m",                                                           \
+      "change of each joint since the pose before; 0 for an arm that waited until it was at rest",          \
+      unbounded(), of_move(ctx, b->index))
 
 #define KC_VAR_ENUM_(number, NAME, index, from, name, unit, meaning, range, value) KC_VAR_##NAME = (number),
 /* ONE is no variable: the basis is 1 whatever its function is. */

@@ -87,6 +87,7 @@ void test_each_variable_reads_its_own_field(void)
     s_ctx.tag = 0.5;
     for (uint32_t k = 0u; k < 3u; k++) { s_ctx.p_cam_tool_m[k] = 200.0 + k; }
     for (uint32_t k = 0u; k < 6u; k++) { s_ctx.pnp[k][KC_PNP_MAX] = 400.0 + k; }
+    s_ctx.move[KC_MOVE_MAX] = 500.0;
 
     static const struct {
         uint8_t var, index;
@@ -123,6 +124,8 @@ void test_each_variable_reads_its_own_field(void)
         {KC_VAR_PNP_RY, KC_PNP_MAX, 404.0},
         {KC_VAR_PNP_RZ, KC_PNP_MAX, 405.0},
         {KC_VAR_PNP_RZ, KC_PNP_MAX + 1u, 0.0}, /* beyond the last column */
+        {KC_VAR_MOVE, KC_MOVE_MAX, 500.0},
+        {KC_VAR_MOVE, KC_MOVE_MAX + 1u, 0.0}, /* beyond the last joint */
         {KC_VAR_GX, 0u, 300.0},
         {KC_VAR_GY, 8u, 381.0},
         {KC_VAR_GZ, 3u, 332.0},

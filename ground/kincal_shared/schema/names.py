@@ -89,6 +89,7 @@ _ON_GROUND = {
     "My": OnGround("mass", computed=("load.moment[{i}][1]", "load->moment[{i}][1]")),
     "Mz": OnGround("mass", computed=("load.moment[{i}][2]", "load->moment[{i}][2]")),
     "dir": OnGround("dir", given="direction"),
+    "move": OnGround("move", given="move", unless_given=0.0),
     "temp": OnGround("temp_c", given="temp_c"),
     "t": OnGround("t_s", given="t_s"),
     "payload": OnGround("payload_kg", given="payload_kg", unless_given=0.0),

@@ -65,6 +65,16 @@ class Driver:
     name: str
     features: Array
 
+    @property
+    def is_move(self) -> bool:
+        """A joint's last move, which a pose has only after another one."""
+        return self.name.startswith("move")
+
+    def acts_at(self, location: str) -> bool:
+        """Whether an error at a location may follow it: how far joints moved tells of joints that are not at
+        rest, and of nothing else."""
+        return location.startswith("joint") or not self.is_move
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -110,7 +120,7 @@ def cells(columns: Columns, *, double: bool = True) -> list[Cell]:
     """All cells. Cells of two drivers are only made at joints (elsewhere they cannot be distinguished)."""
     places, singles = locations(columns), drivers(columns)
     joints = [place for place in places if place.name.startswith("joint")]
-    out = [_cell(place, driver) for place in places for driver in singles]
+    out = [_cell(place, driver) for place in places for driver in singles if driver.acts_at(place.name)]
     out += [_cell(place, driver) for place, by in oriented(columns) for driver in by]
     if double:
         out += [_cell(place, driver) for driver in _pairs(columns) for place in joints]
@@ -232,7 +242,7 @@ def drivers(columns: Columns) -> list[Driver]:
 
 def _order(found: Mapping[str, Array], joints: int) -> list[str]:
     """Names in the order of the map's columns."""
-    per_joint = [f"{kind}{j}" for kind in ("q", "tau", "dir", "qdot") for j in range(1, joints + 1)]
+    per_joint = [f"{kind}{j}" for kind in ("q", "tau", "dir", "move", "qdot") for j in range(1, joints + 1)]
     single = ["t", "temp", "payload", "tag", "zcam", "u", "v", "r2", "sx", "sy", "sz", "incid", "pan",
               "tilt", "order"]  # fmt: skip
     return [name for name in (*per_joint, *single) if name in found]
@@ -244,7 +254,7 @@ def _recorded(data: Measurements, prismatic: tuple[bool, ...]) -> dict[str, Arra
     out = {
         f"q{j}": _features(_angle_kernel(data.q[:, j - 1], slides)) for j, slides in enumerate(prismatic, 1)
     }
-    for label, values in (("dir", data.direction), ("qdot", data.qdot)):
+    for label, values in (("dir", data.direction), ("move", data.move), ("qdot", data.qdot)):
         if values is not None:
             out |= {f"{label}{j}": _linear(values[:, j - 1]) for j in range(1, len(prismatic) + 1)}
     scalars = {"temp": data.temp_c, "payload": data.payload_kg, "tag": data.tag, "incid": data.incid_rad,

@@ -31,7 +31,7 @@ def _recorded(name: str, fit: Fit) -> Array | None:
     """A column of the data; None if it is not one."""
     data = fit.data
     kind = name.rstrip("0123456789")
-    per_joint = {"q": data.q, "dir": data.direction, "qdot": data.qdot}.get(kind)
+    per_joint = {"q": data.q, "dir": data.direction, "move": data.move, "qdot": data.qdot}.get(kind)
     if per_joint is not None and kind != name:
         return array(per_joint[:, int(name[len(kind) :]) - 1])
     columns = {

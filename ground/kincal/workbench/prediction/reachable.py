@@ -233,9 +233,9 @@ class _Functions:
 
 
 def _places(columns: Columns) -> Iterator[_Functions]:
-    """The map's cells of one driver, and at joints waves and smooth functions of two angles; then smooth
-    functions of many variables: errors of all joints, of the base and of the tool."""
-    singles = {driver.name: driver.features for driver in drivers(columns)}
+    """The map's cells of one driver that a pose has by itself, and at joints waves and smooth functions of
+    two angles; then smooth functions of many variables: errors of all joints, of the base and of the tool."""
+    singles = {driver.name: driver.features for driver in drivers(columns) if not driver.is_move}
     none, pairs, many = (
         _Kernels.of(kernels, columns.n) for kernels in ({}, _pair_kernels(columns), _kernels(columns))
     )

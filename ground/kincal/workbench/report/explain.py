@@ -10,7 +10,7 @@ from ..data.direction import in_random_order
 from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from ..diagnosis.suggestions import Suggestion
-from ..evidence.adequacy import REPLICATES, STRUCTURE_P, UNKNOWN, Outliers, TurnedFrame
+from ..evidence.adequacy import REPLICATES, STRUCTURE_P, UNKNOWN, NoiseFloor, Outliers, TurnedFrame
 from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..model import sight
@@ -47,7 +47,12 @@ _DRIVERS = {
     "tool_z": "direction of the tool's z axis",
     "gravity": "gravity in the tool frame",
 }
-_JOINT_DRIVERS = {"tau": "gravity torque", "dir": "approach direction", "qdot": "velocity"}
+_JOINT_DRIVERS = {
+    "tau": "gravity torque",
+    "dir": "approach direction",
+    "move": "last move",
+    "qdot": "velocity",
+}
 _NO_ARTICLE = ("time", "temperature", "tool position", "gravity in")  # of what is said of them in words
 _SLOW = {"t", "order", "temp"}  # what only these change drifts
 _AT = {
@@ -253,6 +258,18 @@ def of_session(fit: Fit) -> list[str]:
     return [f"{listed(names)} {be} valid for this session only: other data are predicted without {them}"]
 
 
+def of_order(fit: Fit) -> list[str]:
+    """Effects that no single pose shows; empty where there are none."""
+    names = [h.name for h in fit.hypotheses if h.follows("move")]
+    if not names:
+        return []
+    depend, them = ("depend", "them") if len(names) > 1 else ("depends", "it")
+    return [
+        f"{listed(names)} {depend} on the pose before: only poses in the order of measurement can be "
+        f"predicted with {them}; an arm that waits until it is at rest does not have {them}"
+    ]
+
+
 _MOST_POSES = 1000  # more is no advice
 _FAR_BELOW = 0.05  # of the known noise: no fit leaves so little
 
@@ -331,6 +348,22 @@ def left_over(c: Comparison) -> str:
     first = c.where[0]
     share, variable = percent(first.share_of_variance), _in_sentence(first.variable)
     return f"{text}; {share} of it varies with {variable} at {first.at}: structure, not noise"
+
+
+_APPROACHED = {
+    "direction": "differ by the side that joints came from: backlash shows in them",
+    "move": "differ by the length of the last move: the arm was not at rest, or creeps",
+    "visit": "of every other visit differ, as if joints came from another side: record it as dir1..",
+}
+
+
+def approached(floor: NoiseFloor) -> str:
+    """How replicates differ by the way the arm came to them; empty if they do not."""
+    found = floor.approached
+    if found is None:
+        return ""
+    without = "; the noise floor is without that part" if floor.source == REPLICATES else ""
+    return f"{_APPROACHED[found.by]} (p = {found.p_value:.3g}){without}"
 
 
 def unseen(c: Comparison) -> str:
