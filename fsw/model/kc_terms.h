@@ -74,6 +74,7 @@ typedef struct {
     double range_m, incid_rad, u_norm, v_norm, pan_rad, tilt_rad, tag;
     double p_cam_tool_m[3];
     double pnp[6][KC_PNP_MAX + 1u]; /* by component, then column; column 0 stays 0 */
+    double move[KC_MOVE_MAX + 1u];  /* by joint, counted from 1; 0 stays 0 */
 } kc_ctx_t;
 
 /* What gravity does to the arm in one pose (the motors hold against it), evaluated on the chain
