@@ -86,6 +86,11 @@ def measured(tmp_path, dh, seed, error, n=110):
     return wb.read_csv(tmp_path / "poses.csv", 6)
 
 
+def diagnosed(tmp_path, dh, seed, error):
+    arm = arm_of(tmp_path, dh)
+    return wb.diagnose(arm, measured(tmp_path, dh, seed, error), wb.Library.load())
+
+
 def out_of_round(joint, size):
     """A joint's link moved along its own x by a wave over one turn: its axis shifts twice a turn."""
     return lambda q: {"before": {joint + 1: moved((size * np.cos(q[joint - 1]), 0.0, 0.0))}}
@@ -161,12 +166,19 @@ gain = "-$h*d"
         read_effects(entry.replace("[effect.grid]\nh = [0.0, 1.0]\n", ""), "mine.toml")
 
 
+def test_a_bearing_moves_every_pose_alike_and_makes_no_outliers(tmp_path):
+    arm = arm_of(tmp_path, CROSSED)
+    library = wb.Library.load()
+    there = [e for e in library.effects.values() if not e.missing(arm, None)]
+    even = {e.name for e in there for h in e.instances(arm, None)[:1] if h.even}
+    assert even == {"bearing_wobble2", "bearing_runout"}
+    assert all(h.even for name in even for h in library.find(name, arm, None))
+    found = diagnosed(tmp_path, PARALLEL, 15, out_of_round(3, 5e-3))
+    assert [e.name for e in found.effects if e.in_model] == ["bearing_runout[3]"]
+    assert found.outliers.ids == ()
+
+
 # --------------------------------------------------------------------------- what a diagnosis says of them
-
-
-def diagnosed(tmp_path, dh, seed, error):
-    arm = arm_of(tmp_path, dh)
-    return wb.diagnose(arm, measured(tmp_path, dh, seed, error), wb.Library.load())
 
 
 def test_a_bearing_that_is_out_of_round_is_no_error_of_two_parallel_joints(tmp_path):

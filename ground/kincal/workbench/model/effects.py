@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -88,6 +88,12 @@ class Hypothesis:
         return f"{self.name} ({', '.join(f'{k} = {v:.4g}' for k, v in self.constants)})"
 
     @property
+    def even(self) -> bool:
+        """It acts with the same size at every pose, so that it makes none look like an outlier: shifts and
+        turns of constant length whose direction follows an angle."""
+        return all(_is_even(p) for p in self.parameters)
+
+    @property
     def of_session(self) -> bool:
         """It depends on time, and holds for the session that was measured: what drifts or settles starts anew
         in the next one."""
@@ -96,6 +102,22 @@ class Hypothesis:
     def follows(self, variable: str) -> bool:
         """Whether a term depends on a variable of the grammar, of any joint."""
         return any(b.var == variable for p in self.parameters for term in p.terms for b in term.basis)
+
+
+def _is_even(parameter: Parameter) -> bool:
+    """What a coefficient does at a frame: a vector that turns, cosine along one axis, sine along another."""
+    vectors: dict[tuple[int, bool], list[Term]] = {}
+    for term in parameter.terms:
+        vectors.setdefault((term.frame, term.comp < 3), []).append(term)
+    return all(_turns(terms) for terms in vectors.values())
+
+
+def _turns(terms: Sequence[Term]) -> bool:
+    bases = {replace(t.basis[0], fn="") for t in terms}
+    functions = sorted(t.basis[0].fn for t in terms)
+    lengths, axes = {abs(t.gain) for t in terms}, {t.comp for t in terms}
+    alone = all(t.basis[1] == ONE for t in terms)
+    return functions == ["cos", "sin"] and len(bases) == len(lengths) == 1 and len(axes) == 2 and alone
 
 
 @dataclass(frozen=True)
