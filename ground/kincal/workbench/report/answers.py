@@ -329,7 +329,7 @@ def _rest_lines(c: Comparison) -> list[str]:
     return [
         "where the residual comes from (share of it, p-value):",
         *[
-            f"  {explain.in_words(w.variable):<38}at {w.at:<18}{w.share_of_variance:7.1%}"
+            f"  {explain.in_words(w.variable):<38}at {w.at:<20}{w.share_of_variance:7.1%}"
             f"   p = {w.p_value:.2g}"
             for w in c.where[:6]
         ],
