@@ -148,10 +148,10 @@ def _found(data: ReportContent, poses: Poses) -> Iterator[Section]:
 def _unnamed(data: ReportContent, poses: Poses, novel: UnnamedFinding) -> Section:
     panels = place_panels(data.diagnosis.final, novel.location, novel.depends_on)
     sentence, gain = explain.unnamed(novel), explain.smooth_gain(novel)
-    look = explain.FOLLOWS_ORIENTATION if UnnamedName.parse(novel.name).of_orientation else ""
+    advice = explain.FOLLOWS_ORIENTATION if UnnamedName.parse(novel.name).of_orientation else ""
     text = (
         f"{sentence[:1].upper()}{sentence[1:]}. As a smooth function ({novel.name}): {gain}. "
-        f"{look[:1].upper()}{look[1:]}{'. ' if look else ''}{HOW_FINDING} {poses.note}"
+        f"{advice[:1].upper()}{advice[1:]}{'. ' if advice else ''}{HOW_FINDING} {poses.note}"
     )
     figure = finding_figures.findings(panels, poses, novel.curves)
     title = "Found: something unnamed" if novel.found else "Not confirmed: something unnamed"
