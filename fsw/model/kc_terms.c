@@ -44,7 +44,7 @@ static bool index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
     case KC_VAR_PNP_RX:
     case KC_VAR_PNP_RY:
     case KC_VAR_PNP_RZ: return one_of(index, KC_PNP_MAX);
-    case KC_VAR_MOVE: return KC_MOVE_MAX > 0u && one_of(index, n_joints);
+    case KC_VAR_MOVE: return one_of(index, KC_MOVE_MAX);
     default: return index == 0u;
     }
 }
