@@ -198,3 +198,11 @@ void test_only_what_gravity_does_needs_loads(void)
         TEST_ASSERT_EQUAL_INT(want, kc_basis_needs_loads(&b));
     }
 }
+
+void test_a_number_that_is_no_variable_has_no_index_and_needs_nothing(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_INDEX_COLUMN, kc_var_index(KC_VAR_PNP_RZ));
+    TEST_ASSERT_EQUAL_INT(KC_FROM_POINTS, kc_var_from(KC_VAR_PNP_RZ));
+    TEST_ASSERT_EQUAL_INT(KC_INDEX_NONE, kc_var_index(KC_VAR_COUNT));
+    TEST_ASSERT_EQUAL_INT(KC_FROM_RECORD, kc_var_from(KC_VAR_COUNT));
+}

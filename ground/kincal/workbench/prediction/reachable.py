@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..data.measurements import Measurements
-from ..evidence.unnamed import drivers, locations
+from ..evidence.unnamed import drivers, locations, oriented
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit, rms
 from ..numerics.types import Array, Indices, array
@@ -239,9 +239,13 @@ def _places(columns: Columns) -> Iterator[_Functions]:
     none, pairs, many = (
         _Kernels.of(kernels, columns.n) for kernels in ({}, _pair_kernels(columns), _kernels(columns))
     )
-    for place in locations(columns):
+    places = {place.name: place for place in locations(columns)}
+    by_orientation = {place.name: (place, by) for place, by in oriented(columns)}
+    for place in (places | {name: place for name, (place, _) in by_orientation.items()}).values():
         seen = (place.rows**2).sum(axis=(1, 2))
-        features = {name: x for name, x in singles.items() if (seen @ x**2).any()}
+        _, by = by_orientation.get(place.name, (place, []))
+        may_follow = (singles if place.name in places else {}) | {d.name: d.features for d in by}
+        features = {name: x for name, x in may_follow.items() if (seen @ x**2).any()}
         if place.name.startswith("joint"):
             waves = _ripples(columns, int(place.name.split()[1]))
             yield _Functions(place.name, place.rows, features | waves, pairs)

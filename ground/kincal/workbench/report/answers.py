@@ -44,7 +44,11 @@ def _reachable(c: Comparison) -> Json | None:
     if r is None:
         return None
     usual = _pos_rot(*r.errors_without(c.outliers.ids))
-    return {**_pos_rot(r.pos_m, r.rot_rad), "without_outliers": usual, "by": explain.reachable_by(r)}
+    return {
+        **_pos_rot(r.pos_m, r.rot_rad),
+        "without_outliers": usual,
+        "by": explain.reachable_by(r, c.p_structure),
+    }
 
 
 def _where(found: Sequence[Where]) -> list[Json]:
@@ -316,7 +320,7 @@ def _reachable_text(c: Comparison) -> str:
     if r is None:
         return "unknown (no poses are held out)"
     without = explain.reachable_without(r, c.outliers)
-    return f"{_text(r.pos_m, r.rot_rad)} ({without}{explain.reachable_by(r)})"
+    return f"{_text(r.pos_m, r.rot_rad)} ({without}{explain.reachable_by(r, c.p_structure)})"
 
 
 def _rest_lines(c: Comparison) -> list[str]:
@@ -325,7 +329,7 @@ def _rest_lines(c: Comparison) -> list[str]:
     return [
         "where the residual comes from (share of it, p-value):",
         *[
-            f"  {explain.in_words(w.variable):<38}at {w.at:<18}{w.share_of_variance:7.1%}"
+            f"  {explain.in_words(w.variable):<38}at {w.at:<20}{w.share_of_variance:7.1%}"
             f"   p = {w.p_value:.2g}"
             for w in c.where[:6]
         ],

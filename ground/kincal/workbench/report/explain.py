@@ -15,6 +15,7 @@ from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
+from ..model.unnamed_names import UnnamedName
 from ..prediction.gain import judged, much_worse
 from ..prediction.nested import EffectGain, NestedModels
 from ..prediction.nextposes import NextPose, poses_to_decide
@@ -40,6 +41,11 @@ _DRIVERS = {
     "sx": "tool position x",
     "sy": "tool position y",
     "sz": "tool position z",
+    "orientation": "tool orientation",
+    "tool_x": "direction of the tool's x axis",
+    "tool_y": "direction of the tool's y axis",
+    "tool_z": "direction of the tool's z axis",
+    "gravity": "gravity in the tool frame",
 }
 _JOINT_DRIVERS = {
     "tau": "gravity torque",
@@ -47,7 +53,7 @@ _JOINT_DRIVERS = {
     "move": "last move",
     "qdot": "velocity",
 }
-_NO_ARTICLE = ("time", "temperature", "tool position")  # of what is said of them in words
+_NO_ARTICLE = ("time", "temperature", "tool position", "gravity in")  # of what is said of them in words
 _SLOW = {"t", "order", "temp"}  # what only these change drifts
 _AT = {
     "base rotation": "base orientation",
@@ -58,6 +64,7 @@ _AT = {
     "camera translation": "camera position",
     "tag rotation": "tag orientation",
     "tag tilt": "measured tilt of the tag",
+    "measured orientation": "measured orientation",
     "range": "measured range",
 }
 _BLOCKS = {
@@ -154,6 +161,16 @@ def held_gain(gain: HeldGain) -> str:
         f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}){turned}: "
         f"{judged(gain.interval)}"
     )
+
+
+def smooth_gain(u: UnnamedFinding) -> str:
+    """What poses that were not fitted say of the function of something unnamed. One of the tool's orientation
+    may concern the rotations alone: both errors are said, and no judgement on positions."""
+    gain = u.held
+    if not UnnamedName.parse(u.name).of_orientation or not math.isfinite(gain.after_m):
+        return held_gain(gain)
+    turned = "" if gain.rotation is None else f", rotation error times {gain.rotation:.3f}"
+    return f"cross-validated error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm{turned}"
 
 
 def probability(p: float) -> str:
@@ -399,10 +416,12 @@ def turned_frame(t: TurnedFrame) -> str:
     )
 
 
-def reachable_by(r: Reachable) -> str:
+def reachable_by(r: Reachable, p_structure: float) -> str:
     """From what the reachable error was predicted, or why it is that of the model."""
     if not r.enough:
         return "too few poses to tell"
+    if not r.parts and p_structure <= STRUCTURE_P:
+        return "Gaussian process regression on all recorded variables at once predicts none of it"
     if not r.parts:
         return "the residual depends on no recorded variable"
     parts = ", ".join(f"{place} vs {in_words(variable)}" for place, variable in r.parts)
@@ -540,6 +559,15 @@ def _held_fall(d: Diagnosis) -> str:
     verb = "falls" if after < before else "changes"
     return f"the {what} {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
 
+
+FOLLOWS_ORIENTATION = (
+    "the error follows the orientation of the tool as the sensor sees it: look at the target and its "
+    "calibration, at the sensor's line of sight, and at a tool that bends"
+)
+"""Of a function of the tool's orientation: what may be its cause."""
+
+NO_TERM = "no term of a model can follow it, and functions of the joints would only stand for it"
+"""Of such a function: why it is not added."""
 
 MAY_BE_NOISE = (
     "poses that were not fitted do not confirm it: larger noise at this location (of an encoder, say) looks "
