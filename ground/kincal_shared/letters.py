@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 # Shown as nothing or as a blank, though Unicode counts them as letters, marks or symbols: Hangul fillers, the
-# Braille blank, joiners, and selectors of variants (Default_Ignorable_Code_Point of Unicode 15).
-_BLANK = {0x034F, 0x115F, 0x1160, 0x17B4, 0x17B5, 0x2800, 0x3164, 0xFFA0}
+# Braille blank, a notehead of no shape, joiners, and selectors of variants (Default_Ignorable_Code_Point of
+# Unicode 15).
+_BLANK = {0x034F, 0x115F, 0x1160, 0x17B4, 0x17B5, 0x2800, 0x3164, 0xFFA0, 0x1D159}
 _SELECTORS = ((0x180B, 0x180F), (0xFE00, 0xFE0F), (0xE0000, 0xE0FFF))
 
 

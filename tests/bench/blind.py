@@ -89,6 +89,8 @@ RIGHT = {
     "hysteresis": ("backlash",),
     "gravity_backlash": ("gravity_backlash",),
     "wobble": ("bearing_wobble",),
+    "out_of_round": ("bearing_wobble2",),
+    "run_out": ("bearing_runout",),
     "bending": ("link_bending",),
     "base_flex": ("base_flex",),
     "base_tilt": ("base_tilt",),
@@ -115,6 +117,9 @@ RIGHT = {
     "blooming": ("illumination",),
     "two_drivers": (),
 }
+# Joints of the bench's arm whose axis meets the next one, at right angles, in the frame before it: there the
+# tilt of the one about the other is a turn of the next joint. Joint 1 is not one of them: its frame is known.
+MEETING = ("2", "6")
 # Where an unnamed effect shows and what it follows: {j} is its joint (each of a pair).
 SHOWS = {
     "compliance": ("joint {j}", "tau{j}"),
@@ -404,6 +409,8 @@ def confounded(name: str, fixed_pantilt: bool, soft: bool) -> set[str]:
     out = set()
     if effect == "joint_compliance":
         out.add(f"pd_droop[{place}" if place else "pd_droop")
+    if effect == "bearing_wobble2" and place and place[:-1] in MEETING:
+        out.add(f"joint_coupling_harmonic[{int(place[:-1]) + 1},{place}")
     if soft and name in ("joint_compliance[2]", "base_flex"):
         out |= {"joint_compliance[2]", "base_flex"} - {name}
     if fixed_pantilt and name == "camera_shift":

@@ -215,6 +215,21 @@ def test_links_in_millimetres_are_the_first_suspects(name, lengths, said, thorou
     }  # fmt: skip
 
 
+def test_an_arm_table_that_is_all_in_millimetres_is_one_finding():
+    """Its frames were named first, as wrong ones, and lengths of them as metres."""
+    arm = wb.read_arm("wam")
+    random = np.random.default_rng(4)
+    q = random.uniform([j.q_min for j in arm.joints], [j.q_max for j in arm.joints], (60, 7))
+    p_m = np.array([poses.tool_pose(row, np.zeros((7, 4)))[:3, 3] for row in q])
+    data = wb.Measurements("made", tuple(map(str, range(60))), q, p_m)
+    assert codes(arm, data) == set()
+    frames = {name: replace(f, xyz_m=1e3 * f.xyz_m) for name, f in (("base", arm.base), ("tool", arm.tool))}
+    lengths = [(j, key) for j in range(1, 8) for key in ("a_m", "d_m")]
+    (found,) = check(replace(longer(arm, *lengths), **frames), data).findings
+    assert found.code == "millimetres"
+    assert found.fix == "write a_m, d_m, xyz_m of [base], xyz_m of [tool] in metres"
+
+
 def test_a_large_arm_in_metres_is_not_in_millimetres():
     arm, data = real("ur5")
     lengths = [(j, key) for j in range(1, 7) for key in ("a_m", "d_m")]

@@ -170,6 +170,8 @@ def test_verdict_and_star_name_only_what_is_shown_to_help(found):
     assert [("; undecided)" in pages._finding(one, shown)) for one in d.effects] == [False, True, True]
     none = replace(found.d, effects=(open_,), verdict="effect")
     assert "no effect is shown to help: with bias_step[7] (undecided)" in explain.verdict(none)
+    unlikely = replace(none, effects=(replace(e, probability=0.22, role="confounded"),))
+    assert "no effect that helps is likely to be the cause: with backlash" in explain.verdict(unlikely)
 
 
 @pytest.mark.parametrize(

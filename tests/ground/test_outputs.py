@@ -263,5 +263,6 @@ def test_names_with_characters_that_are_not_shown_are_refused(tmp_path, char):
 
 
 def test_letters_of_any_script_are_shown():
+    assert unseen("joint\U0001d159") == "U+1D159"  # a note without a head
     assert unseen("\uae38 Pr\u00fcfstand \u03b1 2.toml") == ""
     assert unseen("bytes that are no text \udc80") == ""

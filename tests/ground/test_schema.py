@@ -527,7 +527,11 @@ basis = "q[j]"
         ('at = "joint[j]"', 'at = "elbow"', "at = 'elbow' is no place; write one of joint[j]"),
         ('at = "joint[j]"', 'at = "link[j]"', "comp (mine): is missing; write comp = one of tx, ty"),
         ('at = "joint[j]"', 'at = "joint[j]"\ncomp = "rx"', "joint[j] has its own axis and takes no comp"),
-        ('basis = "q[j]"', 'gain = "2*Lw"', "gain '2*Lw': 'Lw' is neither a number nor one of Lx"),
+        (
+            'basis = "q[j]"',
+            'gain = "2*Lw"',
+            "gain '2*Lw': 'Lw' is neither a number, nor a $constant, nor one of",
+        ),
         ("sigma = 1e-3", "sigma = 0", "sigma (mine): is 0, must be above 0"),
         (
             'per = "joint"',

@@ -266,6 +266,17 @@ def test_undo_brings_the_fitted_values_back(tmp_path, change):
     assert wb.read_model(path) == after and after.former is None
 
 
+def test_a_damaged_former_fit_is_named_with_the_way_out(tmp_path):
+    path = tmp_path / "M.toml"
+    wb.write_model(path, fitted(wb.ModelFile().add(["backlash[4]"])).add(["base_flex"]))
+    text = path.read_text()
+    path.write_text(text.replace("[former]", "[former]\nrubbish = 1"))
+    with pytest.raises(wb.BadInput, match="former.rubbish(.|\n)*delete .former. and the tables in it"):
+        wb.read_model(path)
+    path.write_text(text[: text.index("[former]")])
+    assert wb.read_model(path).effects == ("backlash[4]", "base_flex")
+
+
 def test_undo_brings_back_values_of_the_same_effects_only():
     two = fitted(wb.ModelFile().add(["bias_step[2]"]).add(["backlash[4]"]))
     one = fitted(two.remove(["backlash[4]"]), arm="other.toml")
@@ -545,13 +556,15 @@ def test_replicates_of_less_than_a_micrometre_are_doubted():
 
 def test_equal_rows_of_a_coarse_device_at_other_times_are_replicates():
     """A tracker that shows tenths of a millimetre repeats itself; its replicates tell no noise."""
-    x = np.repeat(np.random.default_rng(3).uniform(-1.0, 1.0, (30, 5)).round(4), 3, axis=0)
+    x = np.repeat(np.random.default_rng(3).uniform(-1.0, 1.0, (30, 5)), 3, axis=0)
+    x[:, 2:] = x[:, 2:].round(4)
     data = Measurements("m", tuple(map(str, range(90))), x[:, :2], x[:, 2:], t_s=30.0 * np.arange(90))
     assert without_copies(data).n == 90
     assert without_copies(replace(data, order_is_time=True)).n == 30
     assert without_copies(replace(data, p_m=data.p_m + 1e-7)).n == 30  # no noise in six digits: copies
-    fit = SimpleNamespace(data=replace(data, replicate=np.arange(90) // 3), z=np.zeros(270))
-    floor = noise_floor(SimpleNamespace(**vars(fit), evaluation=SimpleNamespace(r=np.zeros((90, 3)))))
+    zero = SimpleNamespace(r=np.zeros((90, 3)), Jq=np.ones((90, 3, 2)))
+    fit = SimpleNamespace(data=replace(data, replicate=np.arange(90) // 3), z=np.zeros(270), evaluation=zero)
+    floor = noise_floor(SimpleNamespace(**vars(fit), whiten=np.tile(np.eye(3), (90, 1, 1))))
     assert floor.pos_m is None and "equal to the last digit" in floor.source
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.workbench.diagnosis.study import Study
-from kincal.workbench.evidence.adequacy import noise_floor
+from kincal.workbench.evidence.adequacy import ADEQUATE_P, NoiseFloor, lack_of_fit, noise_floor
 from kincal.workbench.fit.least_squares import _leverage, fit_model
 
 LEVER_M = np.array([0.05, 0.02, 0.4])  # from the sensor's target to the tool
@@ -51,11 +51,14 @@ def test_the_noise_floor_does_not_depend_on_what_a_model_calls_an_outlier():
     rng = np.random.default_rng(3)
     group = np.repeat(np.arange(20), np.where(np.arange(20) < 7, 2, 1))
     r = rng.normal(size=(len(group), 3)) * 1e-4 + (1e-3 * rng.normal(size=(20, 3)))[group]
-    data = SimpleNamespace(replicate=group, n=len(group), cov=None)
+    ids = tuple(map(str, range(len(group))))
+    data = wb.Measurements("made", ids, np.zeros((len(group), 1)), r, replicate=group)
 
     def floor(r, good):
+        there = SimpleNamespace(r=r, Jq=np.zeros((len(group), 3, 1)))
+        whiten = np.tile(1e4 * np.eye(3), (len(group), 1, 1))
         return noise_floor(
-            SimpleNamespace(data=data, evaluation=SimpleNamespace(r=r), z=r.ravel() / 1e-4, good=good)
+            SimpleNamespace(data=data, evaluation=there, z=r.ravel() / 1e-4, whiten=whiten, good=good)
         )
 
     every = np.ones(len(group), dtype=bool)
@@ -67,6 +70,21 @@ def test_the_noise_floor_does_not_depend_on_what_a_model_calls_an_outlier():
     mistaken = r.copy()
     mistaken[0] += 0.05
     assert floor(mistaken, every).dof == 6 and floor(mistaken, every).pos_m < 2 * known.pos_m
+
+
+@pytest.mark.parametrize("part", [slice(0, 3), slice(3, 6)], ids=["positions", "rotations"])
+def test_what_is_left_of_one_part_does_not_hide_behind_the_other(arm, part):
+    """1.76 times the stated noise in the positions beside 1.0 in the rotations passed for an explanation."""
+    data = measured(150, 5)
+    sigma = np.sqrt(np.diag(lever_noise() @ lever_noise().T))
+    found = []
+    for larger in (1.0, 1.8):
+        stated = sigma.copy()
+        stated[part] /= larger
+        fit = fit_model(arm, replace(data, cov=np.tile(np.diag(stated**2), (data.n, 1, 1))))
+        found.append(lack_of_fit(fit, NoiseFloor(None, None, "stated")))
+    right, wrong = found
+    assert right > 0.2 and wrong < ADEQUATE_P
 
 
 def correlations(cov):

@@ -323,7 +323,7 @@ WRONG = {
                           ["q7 missing", "count from 1: q1..q7", "--column q=q0,q1,q2,q3,q4,q5,q6"]),
     "a joint q0 too many": (added(q0="0.1"), ["has column q0, but", "has 7 joints", "--column q=q1,"]),
     "directions from dir0 on": (added(**{f"dir{j}": "1" for j in range(7)}),
-                                ["lacks dir7", "count from 1: dir1..dir7"]),
+                                ["lacks dir7", "count from 1: dir1..dir7", "--column dir=dir0,dir1,dir2"]),
     "part of the quaternion": (without("qz"), ["lacks qz"]),
     "negative sigma": (added(sp_m="-0.001", sr_rad="0.001"), ["sp_m is -0.001"]),
     "noise in millimetres": (added(sp_m="0.6", sr_rad="0.001"), ["stated noise", "millimetres"]),

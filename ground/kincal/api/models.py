@@ -20,6 +20,7 @@ from kincal.workbench.model.uplink import dropped, refuse_other_arm, term_image
 from kincal.workbench.numerics.types import Progress, no_progress
 from kincal.workbench.prediction.nested import EffectGain, cost_without
 from kincal_shared.errors import BadInput
+from kincal_shared.letters import shown
 from kincal_shared.schema.arm import MAX_JOINTS, ArmTable, read_arm
 from kincal_shared.schema.names import UNNAMED, is_unnamed, split_constants
 
@@ -175,7 +176,7 @@ def _check_named(library: Library, names: Sequence[str]) -> None:
         if base not in library.effects:
             near = [n for n in library.effects if n.startswith(base[:4])] or list(library.effects)
             raise BadInput(
-                f"no effect {base!r}",
+                f"no effect '{shown(base)}'",
                 todo=f"did you mean {', '.join(near[:6])}? `kincal model effects` lists all",
             )
         inside = joint.rstrip("]")

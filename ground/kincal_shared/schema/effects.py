@@ -19,7 +19,7 @@ JointNumber = Annotated[int, Count(ge=1, le=16)]
 # What `needs` may name beside data columns: keys of the arm table, there or absent, and groups of columns.
 NEEDS = (
     "mass", "gear_ratio", "mass_unknown", "gear_unknown", "own_sensor", "dir", "cam", "image", "rotation",
-    "qdot", "points", *RECORDED,
+    "move", "qdot", "points", *RECORDED,
 )  # fmt: skip
 
 
@@ -111,8 +111,8 @@ class EffectEntry(Strict):
     beside: str = ""
     """Effect that has to be in the model, at the same joint, before this one competes: a second one."""
     grid: dict[str, list[Real] | Literal["times", "durations", "periods"]] = {}
-    """Constants that are searched, $name in a basis: a list of values, or "times", "durations" (fractions
-    of the time span of the data), "periods" (per turn)."""
+    """Constants that are searched, $name in a basis or gain: a list of values, or "times", "durations"
+    (fractions of the time span of the data), "periods" (per turn)."""
     parameter: list[ParameterEntry] = pydantic.Field(
         min_length=1, examples=["at least one [[effect.parameter]]"]
     )
@@ -161,10 +161,11 @@ class EffectEntry(Strict):
             if letter not in known:
                 what = f'names joint {letter}, which per = "{self.per}" does not have'
                 raise Contradiction(f"{where}.{key}", what)
-        for name in _constants(term):
+        for name in term.constants:
             if name not in (*DATA_CONSTANTS, *self.grid):
                 todo = f"add it to [effect.grid]: {name} = [...]"
-                raise Contradiction(f"{where}.basis", f"uses ${name}, which has no value", todo)
+                key = "basis" if f"${name}" in term.basis else "gain"
+                raise Contradiction(f"{where}.{key}", f"uses ${name}, which has no value", todo)
 
     def all_needs(self) -> tuple[str, ...]:
         """What the effect needs: `needs`, and what its terms depend on, each once."""
@@ -177,12 +178,6 @@ def _letters(term: TermEntry) -> list[tuple[str, str]]:
     at = [term.place.joint] if term.place.joint and not term.place.joint.isdigit() else []
     basis = [letter for factor in term.factors for letter in factor.letters()]
     return [*(("at", letter) for letter in at), *(("basis", letter) for letter in basis)]
-
-
-def _constants(term: TermEntry) -> list[str]:
-    """Names of the constants that a term uses."""
-    tokens = [token for f in term.factors for token in (f.scale, f.offset, f.divisor)]
-    return [token[1:] for token in tokens if token.startswith("$")]
 
 
 class EffectsFile(Strict):

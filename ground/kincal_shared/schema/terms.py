@@ -47,6 +47,7 @@ _ARGUMENT = re.compile(
     rf"\s*(?:(?P<sign>[-+])\s*(?P<offset>{_NUMBER}))?\s*\)?\s*(?:/\s*(?P<div>{_NUMBER}))?$"
 )
 _PLACE = re.compile(r"^([a-z]+)(?:\[(\w+)\])?$")
+_CONSTANT = re.compile(r"\$\w+")
 GAIN_SYMBOLS = ("Lx", "Ly", "Lz", "a", "d", "long", "Bx", "By", "Bz")
 
 Names = Mapping[str, float]
@@ -305,13 +306,13 @@ def place_text(frame: int | str) -> str:
 
 @functools.lru_cache(maxsize=256)
 def parse_gain(text: str) -> tuple[float, tuple[str, ...]]:
-    """A product of numbers and properties of link or base: its number, and the names. Contradiction
-    otherwise."""
+    """A product of numbers, properties of link or base and constants ($name): its number, and the names.
+    Contradiction otherwise."""
     factor, symbols = 1.0, []
     for part in text.replace(" ", "").split("*"):
         sign = -1.0 if part.startswith("-") else 1.0
         part = part.lstrip("+-")
-        if part in GAIN_SYMBOLS:
+        if part in GAIN_SYMBOLS or _CONSTANT.fullmatch(part):
             factor *= sign
             symbols.append(part)
             continue
@@ -319,7 +320,9 @@ def parse_gain(text: str) -> tuple[float, tuple[str, ...]]:
             factor *= sign * float(part)
         except ValueError:
             raise Contradiction(
-                "", f"gain {text!r}: {part!r} is neither a number nor one of {' '.join(GAIN_SYMBOLS)}"
+                "",
+                f"gain {text!r}: {part!r} is neither a number, nor a $constant, nor one of "
+                f"{' '.join(GAIN_SYMBOLS)}",
             ) from None
     return factor, tuple(symbols)
 
@@ -337,7 +340,8 @@ class TermEntry(Strict):
     """Component of the twist; joint[j] has its own axis and takes none."""
     gain: pydantic.StrictFloat | pydantic.StrictInt | pydantic.StrictStr = 1.0
     """Constant factor: a number, or a product with Lx Ly Lz (link j as a vector in its own frame [m]), a,
-    d [m], long (1 if link j has a length, else 0), Bx By Bz (origin of the base frame to frame 0 [m])."""
+    d [m], long (1 if link j has a length, else 0), Bx By Bz (origin of the base frame to frame 0 [m]), $name
+    (a constant of the grid)."""
     basis: str = "1"
     """At most two factors, each var or fn(scale*(var - offset)), e.g. "tanh(q4/0.5) * cos(q6)"."""
 
@@ -388,6 +392,13 @@ class TermEntry(Strict):
         yield from (VARIABLES[f.var].needs for f in self.factors if VARIABLES[f.var].needs)
         if self.place.needs:
             yield self.place.needs
+
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """Names of the constants that basis and gain use."""
+        gain = parse_gain(self.gain)[1] if isinstance(self.gain, str) else ()
+        tokens = (*gain, *(token for f in self.factors for token in (f.scale, f.offset, f.divisor)))
+        return tuple(token[1:] for token in tokens if token.startswith("$"))
 
     def bases(self, names: Names, where: str = "") -> tuple[Basis, Basis]:
         """The two bases with joint letters and constants filled in."""

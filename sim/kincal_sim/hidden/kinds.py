@@ -122,6 +122,10 @@ def _differential_wave(context: Context, pair: tuple[int, int], a: float, b: flo
     return mech.MotorWave(GEAR, size, context.rng.uniform(0, 2 * np.pi, N))
 
 
+def _run_out(context: Context, cos: np.ndarray, sin: np.ndarray) -> Effect:
+    return mech.OutOfRound(cos, sin, context.rng.choice((-1, 2)), tilts=False)
+
+
 def _settling(context: Context, *turn_rad: float) -> Effect:
     return mech.BaseSettling(context.T_base_frame0, turn_rad, context.time_constant_s(), (0, 0, 0))
 
@@ -170,6 +174,9 @@ _KINDS = (
          make=_at_joints(lambda context, b: mech.GravityBacklash(b, context.rng.uniform(0.5, 1.5)))),
     Kind("wobble", "bearing wobble", (0.5 * MRAD,) * 2, ALL,
          make=_at_joints(lambda _, a, b: mech.Wobble(a, b))),
+    Kind("out_of_round", "axis tilts twice a turn", (0.5 * MRAD,) * 2, ALL,
+         make=_at_joints(lambda _, a, b: mech.OutOfRound(a, b, 2, tilts=True))),
+    Kind("run_out", "axis shifts as it turns", (0.2 * MM,) * 2, ALL, make=_at_joints(_run_out)),
     Kind("bending", "a link bends and twists", (8e-5,), (3, 5), together=False, positive=True,
          make=_at_joints(lambda _, e: mech.Bending(e))),
     Kind("base_flex", "deck and mount bend", (5e-5,) * 2, positive=True,

@@ -214,6 +214,27 @@ class Wobble(Effect):
         return {f"frame{j}": _rotation(turn([rx[j], ry[j], 0.0])) for j in np.flatnonzero(size)}
 
 
+class OutOfRound(Effect):
+    """A bearing whose axis moves on a closed curve as the joint turns: k times a turn, a little three times.
+
+    cos, sin: (n,) of the curve, a shift [m] or, if tilts, a turn [rad] about the frame before the joint.
+    """
+
+    def __init__(self, cos: ArrayLike, sin: ArrayLike, k: int, *, tilts: bool):
+        self.size, self.phase = np.hypot(cos, sin), np.arctan2(sin, cos)
+        self.k, self.tilts = k, tilts
+
+    def body_offsets(self, at: Conditions, _loads: Loads) -> Offsets:
+        """Frames before the joints."""
+        angle = self.k * at.q_rad + self.phase
+        x = self.size * (np.cos(angle) + 0.1 * np.cos(3 * at.q_rad))
+        y = self.size * np.sin(angle)
+        return {f"frame{j}": self._moved(x[j], y[j]) for j in np.flatnonzero(self.size)}
+
+    def _moved(self, x: float, y: float) -> np.ndarray:
+        return _rotation(turn([x, y, 0.0])) if self.tilts else _shift([x, y, 0.0])
+
+
 class Bending(Effect):
     """A link as a beam of several parts: each bends and twists by the moment on it, own weight included.
 

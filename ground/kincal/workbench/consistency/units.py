@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -129,7 +130,8 @@ def links_in_metres(arm: ArmTable, data: Measurements) -> tuple[ArmTable, tuple[
         return arm, (_impossible(arm, ordered, links),) if far else ()
     some, gain = found
     if len(some) == len(ordered):
-        return _in_metres(arm, some), (_impossible(arm, ordered, links, gain),)
+        shorter, frames = _frames_in_metres(_in_metres(arm, some), data)
+        return shorter, (_impossible(arm, ordered, links, gain, frames),)
     names = ", ".join(f"{key} of joint {_number(arm, j, key)} ({links[j, key]:g})" for j, key in some)
     values = ", ".join(
         f"joint[{_number(arm, j, key)}].{key} = {getattr(arm.joints[j], key) * _MILLIMETRE:.6g}"
@@ -168,16 +170,35 @@ def _in_metres(arm: ArmTable, some: Sequence[Link]) -> ArmTable:
     return replace(arm, joints=tuple(joints))
 
 
+def _frames_in_metres(arm: ArmTable, data: Measurements) -> tuple[ArmTable, tuple[str, ...]]:
+    """An arm whose links were in millimetres, with base and tool in metres where that explains the poses much
+    better, and which these are."""
+    long = [name for name in ("base", "tool") if np.linalg.norm(getattr(arm, name).xyz_m) >= _LONG_M]
+    best, least = arm, misfit(arm, data) / _BETTER
+    found: tuple[str, ...] = ()
+    for names in chain.from_iterable(combinations(long, k) for k in (1, 2)):
+        frames = {name: getattr(arm, name) for name in names}
+        shorter = {name: replace(f, xyz_m=_MILLIMETRE * f.xyz_m) for name, f in frames.items()}
+        tried = replace(arm, **shorter)
+        if (left := misfit(tried, data)) < least:
+            best, least, found = tried, left, names
+    return best, found
+
+
 def _impossible(
-    arm: ArmTable, ordered: Sequence[Link], links: Mapping[Link, float], gain: float = 1.0
+    arm: ArmTable,
+    ordered: Sequence[Link],
+    links: Mapping[Link, float],
+    gain: float = 1.0,
+    frames: Sequence[str] = (),
 ) -> Finding:
-    """The finding for links that add up to more than any arm has."""
+    """The finding for links that add up to more than any arm has; frames: in millimetres too."""
     j, key = ordered[0]
     return Finding(
         "millimetres",
         f"the links of the arm table add up to {sum(links.values()):.4g} m (the largest: {key} of joint "
         f"{_number(arm, j, key)}, {links[j, key]:g}), which looks like millimetres{_better(gain)}",
-        "write a_m and d_m in metres",
+        f"write {', '.join(['a_m, d_m', *(f'xyz_m of [{name}]' for name in frames)])} in metres",
         gain,
     )
 

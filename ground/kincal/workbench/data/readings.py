@@ -20,7 +20,7 @@ from .measurements import SAME_PAYLOAD_KG, SAME_POSE, Measurements, replicate_gr
 LeftM = Callable[[Measurements], float]
 """RMS position [m] that a fit of the arm leaves of measurements."""
 
-_LEAST_SHARE = 0.1  # of the rows; fewer change nothing, and stay as they are
+_LEAST_SHARE = 0.1  # of the rows; fewer change little, and stay as they are where the times do not tell
 _LEAST_STATED = 1.0 / 3.0  # where the file calls them replicates: a campaign repeats a part of its poses
 _LEAVES = 1.25  # times the usual interval between poses: to leave a pose and come back takes two moves
 _STAYS = 0.5  # times that interval: too short to leave
@@ -64,17 +64,20 @@ def _runs(data: Measurements, left_m: LeftM | None) -> list[Indices]:
     order = order_of_measurement(data)
     if order is None or data.n < 2:
         return []
-    number = _numbered(data, order, left_m)
-    least = _LEAST_STATED if data.replicate_stated else _LEAST_SHARE
-    if data.n - 1 - number.max() < max(least * data.n, 1.0):
+    number, surely = _numbered(data, order, left_m)
+    if data.replicate_stated and data.n - 1 - number.max() < _LEAST_STATED * data.n:
+        return []
+    if data.n - 1 - number.max() < max(_LEAST_SHARE * data.n, 1.0):
+        number = surely
+    if number.max() == data.n - 1:
         return []
     rows = np.argsort(number, kind="stable")
     found = np.split(rows, np.flatnonzero(np.diff(number[rows])) + 1)
     return sorted(found, key=lambda run: int(run[0]))
 
 
-def _numbered(data: Measurements, order: Indices, left_m: LeftM | None) -> Groups:
-    """(N,) number of the run that each row belongs to."""
+def _numbered(data: Measurements, order: Indices, left_m: LeftM | None) -> tuple[Groups, Groups]:
+    """(N,) number of the run that each row belongs to; the same of the runs that times alone tell."""
     alike = _follows(data, order)
     if data.replicate_stated and data.replicate is not None:
         alike &= np.diff(data.replicate[order]) == 0
@@ -83,13 +86,19 @@ def _numbered(data: Measurements, order: Indices, left_m: LeftM | None) -> Group
     surely = np.zeros(len(alike), dtype=bool) if gap is None else gap <= _STAYS * usual
     if gap is not None:
         alike &= gap <= _LEAVES * usual
+    surely &= alike
     perhaps = alike & ~surely
     step = np.linalg.norm(np.diff(data.p_m[order], axis=0), axis=1)
     if perhaps.any() and left_m is not None:
         noise_m = _MEDIAN_STEP * float(np.median(step[perhaps]))
         if noise_m > _OF_LEFT * left_m(data):
-            alike &= surely
-    number = np.empty(data.n, dtype=int)
+            alike = surely
+    return _runs_of(alike, order), _runs_of(surely, order)
+
+
+def _runs_of(alike: Mask, order: Indices) -> Groups:
+    """(N,) number of the run of each row, where a row that is alike belongs to that of the row before it."""
+    number = np.empty(len(order), dtype=int)
     number[order] = np.concatenate([[0], np.cumsum(~alike)])
     return number
 

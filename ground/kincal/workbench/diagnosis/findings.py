@@ -30,7 +30,8 @@ from ..evidence.curves import Curve, curves
 from ..evidence.scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
 from ..evidence.serial import Serial
 from ..evidence.smooth import smooth_effect
-from ..evidence.unnamed import Cell
+from ..evidence.unnamed import Cell, cells
+from ..fit.columns import Columns
 from ..fit.least_squares import Fit
 from ..model.effects import Hypothesis
 from ..model.hypotheses import Untestable, effect_of, place_of
@@ -74,19 +75,32 @@ class ParameterValue:
 
 @dataclass(frozen=True)
 class Doubts:
-    """From evidence to probability, their product: the posterior probability by evidence alone; support: that
-    the effect helps poses which were not fitted; identity: that it is what its name says. The last two are 1
-    where the model explains the data to within a known noise; worse: blocks that it makes much worse."""
+    """From evidence to probability, their product: the posterior probability by evidence alone, of the effect
+    or one that these data cannot tell from it; support: that it helps poses which were not fitted; identity:
+    that it is what its name says, and none of those others. Where the model explains the data to within a
+    known noise, support is 1 and identity only the share of this effect; worse: blocks that it makes much
+    worse."""
 
     evidence: float
     support: float = 1.0
     identity: float = 1.0
     worse: tuple[str, ...] = ()
 
+    def beside(self, others: float) -> Doubts:
+        """The same where others that cannot be told from the effect have so much probability by evidence."""
+        together = self.evidence + others
+        share = self.evidence / together if together > 0.0 else 1.0
+        return replace(self, evidence=together, identity=self.identity * share)
+
     @property
     def probability(self) -> float:
         """That the effect is real and helps on other poses."""
-        return self.evidence * self.support * self.identity
+        return self.either * self.identity
+
+    @property
+    def either(self) -> float:
+        """The same of the effect or one that these data cannot tell from it."""
+        return self.evidence * self.support
 
 
 @dataclass(frozen=True)
@@ -100,7 +114,7 @@ class EffectFinding:
     parameters; held: what held-out poses gain; confounded_with: effects that these data (or no data at all)
     can tell from it; explained_share: of what the model without it leaves; doubts: what makes the probability
     smaller than that of the evidence; inferred_direction: it rests on an approach direction that nobody
-    recorded; constants: those that were searched, or assumed."""
+    recorded; constants: those that were searched, or assumed; inspect: what to look at on the arm."""
 
     name: str
     label: str
@@ -116,6 +130,7 @@ class EffectFinding:
     confounded_with: tuple[str, ...]
     inferred_direction: bool = False
     constants: tuple[tuple[str, float], ...] = ()
+    inspect: str = ""
 
     @property
     def accepted(self) -> bool:
@@ -282,12 +297,15 @@ def unnamed_finding(study: Study, found: Selection) -> UnnamedFinding:
     posterior = found.last
     top = posterior.top_unnamed
     name = UnnamedName.of_cell(top.best.location, top.best.drivers)
-    held, lines, support = _smooth(study, found.model, name)
+    if name.of_orientation:
+        held, lines, support = _by_orientation(study, found.model, top.best)
+    else:
+        held, lines, support = _smooth(study, found.model, name)
     return UnnamedFinding(
         name=str(name),
         location=top.best.location,
         depends_on=top.best.drivers,
-        suggested_terms=suggest(top.best, posterior.scorer),
+        suggested_terms=() if name.of_orientation else suggest(top.best, posterior.scorer),
         p_value=_unnamed_p(posterior, top),
         probability=posterior.unnamed * support,
         held=held,
@@ -317,6 +335,20 @@ def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tu
     if h is None:
         return NO_HELD_OUT, (), UNTESTED
     return study.held_gain(model, h), curves(study.fit((*model, h)), h), _chance(study, model, h, chosen)
+
+
+def _by_orientation(study: Study, model: Model, cell: Cell) -> tuple[HeldGain, tuple[Curve, ...], float]:
+    """The same for a function of the tool's orientation, which no term can hold: by its cell's columns."""
+
+    def columns(fit: Fit) -> Array:
+        every = cells(Columns(fit, np.ones(fit.data.n)), double=False)
+        return next(c.columns for c in every if c.name == cell.name)
+
+    found = study.linear_gain(model, columns)
+    held, chance = (NO_HELD_OUT, UNTESTED) if found is None else (found[0], found[1].probability)
+    if chance < _PREDICTABLE and study.black_box_gains(model):
+        chance = _PREDICTABLE
+    return held, (), chance
 
 
 def _chance(study: Study, model: Model, h: Hypothesis, chosen: Callable[[Fit], Hypothesis | None]) -> float:
@@ -423,22 +455,27 @@ class _Reporter:
 
     def kept(self, k: Kept) -> EffectFinding:
         """About an effect of the final model, with its fitted values."""
-        found = self._finding(k.effect, k.role, k.posterior.presence(k.effect.name), k.posterior)
-        confounded = dict.fromkeys((*confounded_effects(self.study, k.effect, k.posterior), *k.ties))
+        competing = confounded_effects(self.study, k.effect, k.posterior)
+        found = self._finding(k.effect, k.role, k.posterior.presence(k.effect.name), k.posterior, competing)
+        confounded = dict.fromkeys((*found.confounded_with, *k.ties))
         values = _values(k.effect, self.study.fit(self.model))
         return replace(found, confounded_with=tuple(confounded), parameters=values)
 
     def alternative(self, h: Hypothesis, posterior: Posterior) -> EffectFinding:
         """About an effect outside the final model."""
         evidence = posterior.probability.get(h.name, 0.0)
-        found = self._finding(h, "alternative", evidence, posterior)
         visible = posterior.by_name[h.name].score.chi2 > CONFOUNDED_CHI2 * posterior.scorer.scale**2
-        confounded = confounded_effects(self.study, h, posterior) if visible else ()
-        return replace(found, confounded_with=confounded)
+        competing = confounded_effects(self.study, h, posterior) if visible else ()
+        found = self._finding(h, "alternative", evidence, posterior, competing)
+        return found if visible else replace(found, confounded_with=())
 
-    def _finding(self, h: Hypothesis, role: Role, evidence: float, posterior: Posterior) -> EffectFinding:
+    def _finding(
+        self, h: Hypothesis, role: Role, evidence: float, posterior: Posterior, competing: tuple[str, ...]
+    ) -> EffectFinding:
+        """competing: what these data cannot tell from it."""
         scorer, score = posterior.scorer, posterior.by_name[h.name].score
-        doubts = self._doubts(h, evidence)
+        doubts = self._doubts(h, evidence, competing)
+        doubts = doubts.beside(sum(posterior.probability.get(name, 0.0) for name in competing))
         return EffectFinding(
             name=h.name,
             label=h.label,
@@ -451,19 +488,22 @@ class _Reporter:
             held=self.study.held_gain(self.model, h),
             explained_share=score.chi2 / max(scorer.left, 1e-12),
             parameters=(),
-            confounded_with=(),
+            confounded_with=with_equivalents(self.study, h, competing),
             inferred_direction=self._rests_on_inferred_direction(h),
             constants=h.constants,
+            inspect=self.study.library.effects[h.effect].inspect,
         )
 
-    def _doubts(self, h: Hypothesis, evidence: float) -> Doubts:
+    def _doubts(self, h: Hypothesis, evidence: float, competing: Sequence[str]) -> Doubts:
         """What makes the probability of an effect smaller than that by evidence. Of what is unlikely anyway
-        nothing more is computed."""
+        nothing more is computed. What cannot be told from an effect of the model helps as that one does:
+        beside it there is nothing left to help with."""
         back = h.name in self.back
-        if (self.explained and not back) or (evidence < _TESTED_FROM and h not in self.model):
+        same = h if h in self.model else next((x for x in self.model if x.name in competing), h)
+        if (self.explained and not back) or (evidence < _TESTED_FROM and same not in self.model):
             return Doubts(evidence)
         identity = 1.0 if self.explained else self.left.identity(h)
-        support = self.study.support(self.model, h)
+        support = self.study.support(self.model, same)
         if support is None:
             return Doubts(evidence, UNTESTED, identity)
         return Doubts(evidence, support.probability, identity, support.worse)
@@ -485,7 +525,7 @@ def _values(h: Hypothesis, fit: Fit) -> tuple[ParameterValue, ...]:
 
 
 def confounded_effects(study: Study, h: Hypothesis, posterior: Posterior) -> tuple[str, ...]:
-    """Effects that these data cannot tell from this one, and those that no data can."""
+    """Competing effects that these data cannot tell from this one: at all joints says no more than at one."""
     scale = posterior.scorer.scale
     signal = _found_signal(h, posterior)
     similar = [
@@ -499,10 +539,13 @@ def confounded_effects(study: Study, h: Hypothesis, posterior: Posterior) -> tup
     ]
     similar += [name for name in _moved_base(h, posterior) if name not in similar]
     alone = {effect_of(name) for name in similar if place_of(name)}
-    # at all joints says no more than at one of them
-    listed = [name for name in similar if name not in alone]
+    return tuple(name for name in similar if name not in alone)
+
+
+def with_equivalents(study: Study, h: Hypothesis, competing: Sequence[str]) -> tuple[str, ...]:
+    """Effects that these data cannot tell from this one, and those that no data can."""
     equivalent = study.competition.equivalents.get(h.effect, ())
-    return (*listed, *(name + place_of(h.name) for name in equivalent))
+    return (*competing, *(name + place_of(h.name) for name in equivalent))
 
 
 def _another(h: Hypothesis, other: Scored[Hypothesis]) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -38,6 +38,7 @@ _NEED_TEXT = {
     "gear_unknown": "an arm table without gear ratios",
     "own_sensor": "data without camera columns",
     "dir": "dir1..",
+    "move": "rows in the order of measurement",
     "cam": "cx..cqz",
     "image": "cx..cqz",
     "rotation": "qw..qz",
@@ -87,10 +88,36 @@ class Hypothesis:
         return f"{self.name} ({', '.join(f'{k} = {v:.4g}' for k, v in self.constants)})"
 
     @property
+    def even(self) -> bool:
+        """It acts with the same size at every pose, so that it makes none look like an outlier: shifts and
+        turns of constant length whose direction follows an angle."""
+        return all(_is_even(p) for p in self.parameters)
+
+    @property
     def of_session(self) -> bool:
         """It depends on time, and holds for the session that was measured: what drifts or settles starts anew
         in the next one."""
-        return any(basis.var == "t" for p in self.parameters for term in p.terms for basis in term.basis)
+        return self.follows("t")
+
+    def follows(self, variable: str) -> bool:
+        """Whether a term depends on a variable of the grammar, of any joint."""
+        return any(b.var == variable for p in self.parameters for term in p.terms for b in term.basis)
+
+
+def _is_even(parameter: Parameter) -> bool:
+    """What a coefficient does at a frame: a vector that turns, cosine along one axis, sine along another."""
+    vectors: dict[tuple[int, bool], list[Term]] = {}
+    for term in parameter.terms:
+        vectors.setdefault((term.frame, term.comp < 3), []).append(term)
+    return all(_turns(terms) for terms in vectors.values())
+
+
+def _turns(terms: Sequence[Term]) -> bool:
+    bases = {replace(t.basis[0], fn="") for t in terms}
+    functions = sorted(t.basis[0].fn for t in terms)
+    lengths, axes = {abs(t.gain) for t in terms}, {t.comp for t in terms}
+    alone = all(t.basis[1] == ONE for t in terms)
+    return functions == ["cos", "sin"] and len(bases) == len(lengths) == 1 and len(axes) == 2 and alone
 
 
 @dataclass(frozen=True)
@@ -283,11 +310,14 @@ def _mount_lever(arm: ArmTable) -> Array:
     return lever
 
 
-def _gain(value: float | str, arm: ArmTable, names: Mapping[str, int], where: str) -> float:
-    """A gain with the properties of link j and of the base filled in."""
+def _gain(
+    value: float | str, arm: ArmTable, names: Mapping[str, int], constants: Mapping[str, float], where: str
+) -> float:
+    """A gain with constants and the properties of link j and of the base filled in."""
     if not isinstance(value, str):
         return float(value)
     symbols = dict(zip(("Bx", "By", "Bz"), _mount_lever(arm), strict=True))
+    symbols |= {f"${name}": constant for name, constant in constants.items()}
     if "j" in names:
         length = _link_vector(arm, names["j"])
         joint = arm.joints[names["j"] - 1]
@@ -319,7 +349,7 @@ def _concrete_term(
             what = f"basis {entry.basis!r} names joint {factor.highest_link}, the arm has {arm.n}"
             raise BadInput(what, where)
     number = frame if isinstance(frame, int) else _FRAMES[frame]
-    return Term(number, COMPONENTS.index(comp), _gain(entry.gain, arm, names, where), basis)
+    return Term(number, COMPONENTS.index(comp), _gain(entry.gain, arm, names, constants, where), basis)
 
 
 def _values(arm: ArmTable, names: Mapping[str, int], constants: Mapping[str, float]) -> Names:

@@ -17,7 +17,7 @@ import numpy as np
 
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.effects import ParameterEntry
-from kincal_shared.schema.errors import read_toml, validate
+from kincal_shared.schema.errors import SchemaError, read_toml, validate
 from kincal_shared.schema.model import (
     VERSION,
     DataEntry,
@@ -198,7 +198,7 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
             raise BadInput("no such file", str(path), f"`kincal model add --model {path} EFFECT` makes one")
         return ModelFile()
     content = _content(path)  # before it is parsed: a change in between is noticed, never lost
-    entry = validate(ModelEntry, read_toml(path), str(path))
+    entry = _validated(path)
     effects, fixed = _effects_of(entry.effects)
     return ModelFile(
         effects=effects,
@@ -214,6 +214,17 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         content=content,
         **_coefficients(entry.value),
     )
+
+
+def _validated(path: Path) -> ModelEntry:
+    """Where only [former] is damaged, the error says that the file is good without."""
+    try:
+        return validate(ModelEntry, read_toml(path), str(path))
+    except SchemaError as error:
+        if any(p.path.split(".")[0] != "former" for p in error.problems):
+            raise
+        todo = "mend it, or delete [former] and the tables in it, which only `kincal model undo` needs"
+        raise BadInput(error.what, str(path), todo) from None
 
 
 def _content(path: Path) -> bytes:

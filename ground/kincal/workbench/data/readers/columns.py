@@ -159,6 +159,9 @@ class Columns:
             hint = "if they have other names, say which with --column or --map"
             if joints[-1] in missing and (zero := self._from_zero("q{}", len(joints))):
                 hint = f"columns count from 1: q1..q{len(joints)}; rename them, or write --column q={zero}"
+                for key in ("dir", "qdot"):
+                    if also := self._from_zero(f"{key}{{}}", len(joints)):
+                        hint += f" --column {key}={also}"
             raise BadInput(
                 f"{self.where}: column(s) {', '.join(missing)} missing; an arm with {len(joints)} "
                 f"joints needs q1..q{len(joints)},px,py,pz",
@@ -179,7 +182,10 @@ class Columns:
             raise BadInput(
                 f"{self.where}: has {', '.join(there[:4])} but lacks {', '.join(lacking[:4])}; "
                 f"give all of {names[0]}..{names[-1]} or none",
-                todo=f"columns count from 1: {names[0]}..{names[-1]}" if zero else "",
+                todo=f"columns count from 1: {names[0]}..{names[-1]}; rename them, or write --column "
+                f"{names[0].rstrip('1')}={zero}"
+                if zero
+                else "",
             )
         return tuple(there)
 
