@@ -462,12 +462,9 @@ def test_rows_written_in_other_units_or_cut_off_are_copies(again, joints, positi
     for noise, copies in ((0.0, again), (5e-5, 0)):
         more = p[:again] + noise * rng.normal(size=(again, 3))
         data = Measurements(
-            "made up",
-            tuple(map(str, range(40 + again))),
-            np.concatenate([q, joints(q[:again])]),
-            np.concatenate([p, positions(more)]),
-            order_is_time=True,
-        )
+            "made up", tuple(map(str, range(40 + again))), np.concatenate([q, joints(q[:again])]),
+            np.concatenate([p, positions(more)]), order_is_time=True,
+        )  # fmt: skip
         kept = without_copies(data)
         assert (kept.n, kept.duplicates) == (40 + again - copies, copies)
         assert set(kept.ids[:40]) == set(map(str, range(40)))
