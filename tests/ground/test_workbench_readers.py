@@ -8,7 +8,7 @@ import re
 import numpy as np
 import poses
 import pytest
-from commands import shell
+from commands import kincal
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
@@ -233,14 +233,6 @@ def test_npz_row_that_is_not_finite_is_named_or_skipped(tmp_path):
         wb.read_measurements(tmp_path / "d.npz", 2)
     data = wb.read_measurements(tmp_path / "d.npz", 2, skip_bad=True)
     assert (data.n, len(data.skipped)) == (N - 1, 1)
-
-
-def test_broken_npz_is_refused(tmp_path):
-    np.savez(tmp_path / "d.npz", q=Q, p=P)
-    whole = (tmp_path / "d.npz").read_bytes()
-    (tmp_path / "d.npz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(BadInput, match="cannot be read as npz"):
-        wb.read_measurements(tmp_path / "d.npz", 2)
 
 
 def test_parquet_with_columns_lists_texts_and_times(tmp_path):
@@ -530,9 +522,7 @@ def foreign(tmp_path_factory):
 
 
 def compare(*args):
-    done = shell("model", "compare", "--json", *args)
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
-    return done
+    return kincal("compare", "--json", *args)
 
 
 FLAGS = ("--column", "q=A{}", "--column", "p=X,Y,Z", "--units", "deg,mm", "--rotation", "xyzw=i,j,k,s")
