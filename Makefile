@@ -297,7 +297,7 @@ dict: ## docs/EVENTS.md and the tables of docs/OPERATIONS.md from the event list
 docs: dict core messages .venv/.stamp stubs ## the generated parts of docs/
 	$(PY) ground/gen_docs.py
 
-stubs: core .venv/.stamp ## types of flight core and messages for mypy, JSON Schemas for editors, list of channels
+stubs: core .venv/.stamp ## types of flight core and messages for mypy, JSON Schemas for editors, lists of channels and variables
 	$(Q)$(PY) ground/stubs.py
 	$(Q)$(PY) ground/message_stubs.py
 	$(Q).venv/bin/kincal schema -o $(BUILD)/schema >$(BUILD)/schema.log

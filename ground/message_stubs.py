@@ -20,7 +20,7 @@ from lcm_files import Message, messages
 TARGET = Path(__file__).resolve().parent / "kincal" / "link" / "messages.pyi"
 SCHEMA = Path(__file__).resolve().parent / "kincal_shared" / "schema"
 CHANNEL_COLUMNS = ("name", "type", "sender", "receivers", "rate", "purpose")
-FIELD_COLUMNS = ("message", "name", "type", "unit", "meaning")
+FIELD_COLUMNS = ("message", "name", "type", "unit", "meaning", "flight")
 HEAD = '''"""Made by ground/message_stubs.py from fsw/msg; do not edit. Types of the LCM messages for mypy."""
 
 from typing import Protocol
@@ -70,7 +70,12 @@ def channels() -> str:
 def fields() -> str:
     """Every field of every message, in the order in which LCM encodes them."""
     return _csv(
-        FIELD_COLUMNS, ((m.name, f.name, f.type, f.unit, f.comment) for m in messages() for f in m.fields)
+        FIELD_COLUMNS,
+        (
+            (m.name, f.name, f.type, f.unit, f.comment, ", ".join(f.flight))
+            for m in messages()
+            for f in m.fields
+        ),
     )
 
 

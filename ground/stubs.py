@@ -1,25 +1,29 @@
 """Write the types of the flight core for mypy: structs, functions and constants of its public headers.
 
     stubs.py [--check]        ground/kincal/flight/headers.pyi and ground/kincal_shared/schema/acquisitions.py
-                              from build/kincal*_cdef.h
+                              from build/kincal*_cdef.h, variables.csv beside it from fsw/model/kc_variables.h
 
 One protocol for each struct, with its fields; one for each build of the core, with its functions and
-constants; `new` knows which struct it makes. Only type checkers read that file. The names of the
-acquisitions are there for schemas of files, which do without the core.
+constants; `new` knows which struct it makes. Only type checkers read that file. The names of acquisitions
+and variables are there for schemas of files, which do without the core.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
+import csv
+import io
 import sys
 from keyword import iskeyword
 from pathlib import Path
 
+from cdef import preprocess
 from cffi import FFI
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "ground" / "kincal" / "flight" / "headers.pyi"
-ACQUISITIONS = ROOT / "ground" / "kincal_shared" / "schema" / "acquisitions.py"
+SCHEMA = ROOT / "ground" / "kincal_shared" / "schema"
 # name of the protocol -> (library, declarations)
 BUILDS = {
     "FlightCore": ("libkincal.so", "kincal_cdef.h"),
@@ -154,21 +158,43 @@ def acquisitions_text() -> str:
     )
 
 
+def variables_text() -> str:
+    """Variables of a basis as CSV, in the order of their numbers."""
+    listed = preprocess(
+        '#include "kc_variables.h"\n'
+        "#define ROW(number, NAME, index, from, name, unit, meaning, range, value) \\\n"
+        "    (number, #NAME, #index, #from, name, unit, meaning),\n"
+        "rows = [KC_VAR_LIST(ROW)]",
+        [ROOT / "fsw" / "model"],
+    )
+    out = io.StringIO()
+    rows = csv.writer(out, lineterminator="\n")
+    rows.writerow(("name", "flight", "index", "source", "unit", "about"))
+    for _, flight, index, source, name, unit, about in sorted(
+        ast.literal_eval(listed.partition("rows =")[2].strip())
+    ):
+        rows.writerow((name, flight.lower(), index.lower(), source.lower(), unit, about))
+    return out.getvalue()
+
+
 def main() -> int:
     """Write or check the stubs of the headers; exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--check", action="store_true", help="compare the acquisitions")
+    parser.add_argument("--check", action="store_true", help="compare acquisitions and variables")
     check = parser.parse_args().check
     OUT.write_text(stub_text())
-    text = acquisitions_text()
-    if ACQUISITIONS.exists() and ACQUISITIONS.read_text() == text:
-        return 0  # as old as it is: what is made from it is made again when it is newer
-    if check:
-        print(f"{ACQUISITIONS.relative_to(ROOT)}: out of date; run `make stubs`")
-        return 1
-    ACQUISITIONS.write_text(text)
+    for path, text in (
+        (SCHEMA / "acquisitions.py", acquisitions_text()),
+        (SCHEMA / "variables.csv", variables_text()),
+    ):
+        if path.exists() and path.read_text() == text:
+            continue  # as old as it is: what is made from it is made again when it is newer
+        if check:
+            print(f"{path.relative_to(ROOT)}: out of date; run `make stubs`")
+            return 1
+        path.write_text(text)
     return 0
 
 

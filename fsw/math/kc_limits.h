@@ -10,11 +10,13 @@
 #define KC_COEF_MAX 64u  /* coefficients estimated together */
 #define KC_TERM_MAX 160u /* correction terms (several may share a coefficient) */
 #define KC_PNP_MAX 0u    /* columns of a PnP pose: flight computes none */
+#define KC_MOVE_MAX 0u   /* joints whose last move a basis may follow: flight waits for rest */
 #else /* build of math and model for the ground (ground/native): larger arms and models */
 #define KC_JOINT_MAX 16u
 #define KC_COEF_MAX 256u
 #define KC_TERM_MAX 1024u
 #define KC_PNP_MAX 24u /* columns of a PnP pose that one model may use */
+#define KC_MOVE_MAX 16u
 #endif
 #define KC_MEAS_MAX 64u     /* measurements held */
 #define KC_CAND_MAX 1024u   /* candidate poses */

@@ -3,6 +3,24 @@
 
 #include "kc_vec.h"
 
+typedef struct {
+    uint8_t index, from;
+} kind_t;
+
+#define KIND_(number, NAME, index, from, name, unit, meaning, range, value) \
+    [KC_VAR_##NAME] = {(uint8_t)KC_INDEX_##index, (uint8_t)KC_FROM_##from},
+static const kind_t KIND[KC_VAR_COUNT] = {KC_VAR_LIST(KIND_)};
+
+kc_var_index_t kc_var_index(uint32_t var)
+{
+    return var < (uint32_t)KC_VAR_COUNT ? (kc_var_index_t)KIND[var].index : KC_INDEX_NONE;
+}
+
+kc_var_from_t kc_var_from(uint32_t var)
+{
+    return var < (uint32_t)KC_VAR_COUNT ? (kc_var_from_t)KIND[var].from : KC_FROM_RECORD;
+}
+
 /* Arguments are clipped here, so that no basis can overflow. */
 #define ARG_MAX 1e12
 /* tan^2 of the incidence angle is cut off here, at about 80 degrees: tags are not detected beyond. */
@@ -18,9 +36,14 @@ static double of_moment(const kc_loads_t *loads, uint32_t link, uint32_t axis)
     return link <= KC_JOINT_MAX ? loads->moment[link][axis] : 0.0;
 }
 
-static double of_pnp(const kc_ctx_t *ctx, uint32_t var, uint32_t column)
+static double of_pnp(const kc_ctx_t *ctx, uint32_t comp, uint32_t column)
 {
-    return column <= KC_PNP_MAX ? ctx->pnp[var - KC_VAR_PNP_TX][column] : 0.0;
+    return column <= KC_PNP_MAX ? ctx->pnp[comp][column] : 0.0;
+}
+
+static double of_move(const kc_ctx_t *ctx, uint32_t joint)
+{
+    return joint <= KC_MOVE_MAX ? ctx->move[joint] : 0.0;
 }
 
 /* Component of gravity in the frame of a link. */
@@ -40,43 +63,13 @@ static double of_lever(const kc_loads_t *loads, uint32_t index, uint32_t axis)
     return kc_v3_dot(r, loads->g_cross_m_s2[link][axis]);
 }
 
+#define VALUE_(number, NAME, index, from, name, unit, meaning, range, value) \
+    case KC_VAR_##NAME: return (value);
+
 static double variable(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t *loads)
 {
     switch ((kc_var_t)b->var) {
-    case KC_VAR_Q: return of_joint(ctx->q, b->index);
-    case KC_VAR_TAU: return of_joint(loads->tau, b->index);
-    case KC_VAR_MX: return of_moment(loads, b->index, 0u);
-    case KC_VAR_MY: return of_moment(loads, b->index, 1u);
-    case KC_VAR_MZ: return of_moment(loads, b->index, 2u);
-    case KC_VAR_DIR: return of_joint(ctx->dir, b->index);
-    case KC_VAR_TEMP: return ctx->temp_c;
-    case KC_VAR_T: return ctx->t_s;
-    case KC_VAR_PAYLOAD: return ctx->payload_kg;
-    case KC_VAR_RANGE: return ctx->range_m;
-    case KC_VAR_INCID: return ctx->incid_rad;
-    case KC_VAR_U: return ctx->u_norm;
-    case KC_VAR_V: return ctx->v_norm;
-    case KC_VAR_R2: return ctx->u_norm * ctx->u_norm + ctx->v_norm * ctx->v_norm;
-    case KC_VAR_PAN: return ctx->pan_rad;
-    case KC_VAR_TILT: return ctx->tilt_rad;
-    case KC_VAR_QDOT: return of_joint(ctx->qdot, b->index);
-    case KC_VAR_TAU_PAYLOAD: return of_joint(loads->tau_payload, b->index);
-    case KC_VAR_XCAM: return ctx->p_cam_tool_m[0];
-    case KC_VAR_YCAM: return ctx->p_cam_tool_m[1];
-    case KC_VAR_ZCAM: return ctx->p_cam_tool_m[2];
-    case KC_VAR_TAG: return ctx->tag;
-    case KC_VAR_GX: return of_gravity(loads, b->index, 0u);
-    case KC_VAR_GY: return of_gravity(loads, b->index, 1u);
-    case KC_VAR_GZ: return of_gravity(loads, b->index, 2u);
-    case KC_VAR_LEVX: return of_lever(loads, b->index, 0u);
-    case KC_VAR_LEVY: return of_lever(loads, b->index, 1u);
-    case KC_VAR_LEVZ: return of_lever(loads, b->index, 2u);
-    case KC_VAR_PNP_TX:
-    case KC_VAR_PNP_TY:
-    case KC_VAR_PNP_TZ:
-    case KC_VAR_PNP_RX:
-    case KC_VAR_PNP_RY:
-    case KC_VAR_PNP_RZ: return of_pnp(ctx, b->var, b->index);
+        KC_VAR_LIST(VALUE_)
     default: return 0.0; /* validated tables hold nothing else */
     }
 }
@@ -106,8 +99,4 @@ double kc_basis_eval(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t 
     }
 }
 
-bool kc_basis_needs_loads(const kc_basis_t *b)
-{
-    return b->var == KC_VAR_TAU || b->var == KC_VAR_MX || b->var == KC_VAR_MY || b->var == KC_VAR_MZ ||
-           b->var == KC_VAR_TAU_PAYLOAD || (b->var >= KC_VAR_GX && b->var <= KC_VAR_LEVZ);
-}
+bool kc_basis_needs_loads(const kc_basis_t *b) { return kc_var_from(b->var) == KC_FROM_LOADS; }

@@ -23,27 +23,12 @@ static bool one_of(uint32_t index, uint32_t n) { return index >= 1u && index <= 
 
 static bool index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
 {
-    switch ((kc_var_t)var) {
-    case KC_VAR_Q:
-    case KC_VAR_TAU:
-    case KC_VAR_DIR:
-    case KC_VAR_QDOT:
-    case KC_VAR_TAU_PAYLOAD: return one_of(index, n_joints);
-    case KC_VAR_MX:
-    case KC_VAR_MY:
-    case KC_VAR_MZ:
-    case KC_VAR_GX:
-    case KC_VAR_GY:
-    case KC_VAR_GZ: return index <= n_joints;
-    case KC_VAR_LEVX:
-    case KC_VAR_LEVY:
-    case KC_VAR_LEVZ: return lever_ok(KC_LEVER_LINK(index), KC_LEVER_BODY(index), n_joints);
-    case KC_VAR_PNP_TX:
-    case KC_VAR_PNP_TY:
-    case KC_VAR_PNP_TZ:
-    case KC_VAR_PNP_RX:
-    case KC_VAR_PNP_RY:
-    case KC_VAR_PNP_RZ: return one_of(index, KC_PNP_MAX);
+    switch (kc_var_index(var)) {
+    case KC_INDEX_JOINT: return one_of(index, n_joints);
+    case KC_INDEX_LINK: return index <= n_joints;
+    case KC_INDEX_LEVER: return lever_ok(KC_LEVER_LINK(index), KC_LEVER_BODY(index), n_joints);
+    case KC_INDEX_COLUMN: return one_of(index, KC_PNP_MAX);
+    case KC_INDEX_MOVE: return one_of(index, KC_MOVE_MAX) && one_of(index, n_joints);
     default: return index == 0u;
     }
 }

@@ -14,59 +14,9 @@
 
 #include "kc_arm.h"
 #include "kc_limits.h"
+#include "kc_variables.h"
 
 typedef enum { KC_TX = 0, KC_TY = 1, KC_TZ = 2, KC_RX = 3, KC_RY = 4, KC_RZ = 5 } kc_comp_t;
-
-/* Input variable of a basis. index: joint 1..n for the per-joint ones, link 0..n for the gravity moment
- * (0 = the whole arm about frame 0) and for gravity in its frame; link and body for a gravity lever. */
-typedef enum {
-    KC_VAR_ONE = 0,
-    KC_VAR_Q = 1,   /* encoder reading of joint [rad or m] */
-    KC_VAR_TAU = 2, /* gravity torque about joint [N m] (force [N], prismatic) */
-    KC_VAR_MX = 3,  /* gravity moment at link, components in the link frame */
-    KC_VAR_MY = 4,  /*   [N m] */
-    KC_VAR_MZ = 5,
-    KC_VAR_DIR = 6,     /* approach direction of joint, -1 0 +1 */
-    KC_VAR_TEMP = 7,    /* arm temperature [deg C] */
-    KC_VAR_T = 8,       /* time [s] */
-    KC_VAR_PAYLOAD = 9, /* [kg] */
-    KC_VAR_RANGE = 10,  /* camera to tool [m] */
-    KC_VAR_INCID = 11,  /* incidence angle [rad] */
-    KC_VAR_U = 12,      /* image position, normalised: (u - cx)/fx */
-    KC_VAR_V = 13,      /* (v - cy)/fy */
-    KC_VAR_R2 = 14,     /* u^2 + v^2, normalised */
-    KC_VAR_PAN = 15,    /* pan-tilt encoders [rad] */
-    KC_VAR_TILT = 16,
-    KC_VAR_QDOT = 17, /* joint speed at the reading [rad/s] */
-    KC_VAR_TAU_PAYLOAD = 18, /* gravity torque about joint of 1 kg at the tool,
-                                times payload_kg [N m] */
-    KC_VAR_XCAM = 19, /* measured tool position in the camera frame [m] */
-    KC_VAR_YCAM = 20,
-    KC_VAR_ZCAM = 21,
-    KC_VAR_TAG = 22, /* tags detected: 0 first only, 1 second only, 0.5 both */
-    KC_VAR_GX = 23,  /* gravity in the frame of a link [m/s^2] */
-    KC_VAR_GY = 24,
-    KC_VAR_GZ = 25,
-    KC_VAR_LEVX = 26, /* gravity lever: moment of 1 kg at a body's origin about the origin */
-    KC_VAR_LEVY = 27, /*   of a link's frame, components in that frame [N m/kg]; */
-    KC_VAR_LEVZ = 28, /*   index: KC_LEVER_INDEX(link, body) */
-    /* Twist of a PnP pose per unit of a fault of camera or target, index: column 1.. KC_PNP_MAX.
-       The ground computes them for targets of many points; flight's tables hold none. */
-    KC_VAR_PNP_TX = 29, /* [m per unit] */
-    KC_VAR_PNP_TY = 30,
-    KC_VAR_PNP_TZ = 31,
-    KC_VAR_PNP_RX = 32, /* [rad per unit] */
-    KC_VAR_PNP_RY = 33,
-    KC_VAR_PNP_RZ = 34,
-    KC_VAR_COUNT = 35
-} kc_var_t;
-
-/* Index of a gravity lever: link 0 .. n-1 (its z axis is that of joint link + 1), and a body beyond it: link
- * body = link + 1 .. n (at most 15), or KC_LEVER_TOOL. */
-#define KC_LEVER_TOOL 0u
-#define KC_LEVER_INDEX(link, body) (16u * (link) + (body))
-#define KC_LEVER_LINK(index) ((uint32_t)(index) / 16u)
-#define KC_LEVER_BODY(index) ((uint32_t)(index) % 16u)
 
 /* basis = fn(z),  z = c1 (x - c0), clipped to +-1e12; for sine and cosine to +-KC_ANGLE_MAX, and |c0 c1| is
  * not beyond that. */
@@ -124,6 +74,7 @@ typedef struct {
     double range_m, incid_rad, u_norm, v_norm, pan_rad, tilt_rad, tag;
     double p_cam_tool_m[3];
     double pnp[6][KC_PNP_MAX + 1u]; /* by component, then column; column 0 stays 0 */
+    double move[KC_MOVE_MAX + 1u];  /* by joint, counted from 1; 0 stays 0 */
 } kc_ctx_t;
 
 /* What gravity does to the arm in one pose (the motors hold against it), evaluated on the chain

@@ -59,11 +59,13 @@ static stretch_t stretched(const kc_arm_t *arm, uint32_t i)
     return b;
 }
 
+static double gravity(const kc_arm_t *arm) { return kc_v3_norm(arm->gravity_m_s2); }
+
 /* Gravity moment about a link [N m], with a payload. */
 static double moment(const kc_arm_t *arm, uint32_t link)
 {
     const stretch_t b = stretched(arm, link);
-    return kc_v3_norm(arm->gravity_m_s2) * (b.moment_kg_m + KC_BOUNDS_PAYLOAD_KG * b.tool_m);
+    return gravity(arm) * (b.moment_kg_m + KC_BOUNDS_PAYLOAD_KG * b.tool_m);
 }
 
 /* Gravity torque about a joint, or force along it; of the payload alone or of all. */
@@ -73,7 +75,18 @@ static double torque(const kc_arm_t *arm, uint32_t joint, bool payload)
     const bool slides = arm->joint[joint - 1u].type == KC_PRISMATIC;
     const double own = slides ? b.mass_kg : b.moment_kg_m;
     const double load = KC_BOUNDS_PAYLOAD_KG * (slides ? 1.0 : b.tool_m);
-    return kc_v3_norm(arm->gravity_m_s2) * (payload ? load : own + load);
+    return gravity(arm) * (payload ? load : own + load);
+}
+
+/* Moment of 1 kg about a link: no body is farther than the tool. */
+static double lever(const kc_arm_t *arm, uint32_t index)
+{
+    return gravity(arm) * stretched(arm, KC_LEVER_LINK(index)).tool_m;
+}
+
+static const kc_joint_t *joint_of(const kc_arm_t *arm, const kc_basis_t *b)
+{
+    return &arm->joint[b->index - 1u];
 }
 
 /* Values of a variable. */
@@ -85,48 +98,18 @@ static range_t between(double lo, double hi) { return (range_t){lo, hi}; }
 
 static range_t within(double size) { return between(-size, size); }
 
-/* Variables of the arm; index as kc_terms_validate allows. */
-static range_t arm_range(const kc_arm_t *arm, const kc_basis_t *b)
-{
-    const double g = kc_v3_norm(arm->gravity_m_s2);
-    switch ((kc_var_t)b->var) {
-    case KC_VAR_Q: return between(arm->joint[b->index - 1u].q_min, arm->joint[b->index - 1u].q_max);
-    case KC_VAR_QDOT: return within(arm->joint[b->index - 1u].speed_max);
-    case KC_VAR_TAU: return within(torque(arm, b->index, false));
-    case KC_VAR_TAU_PAYLOAD: return within(torque(arm, b->index, true));
-    case KC_VAR_MX:
-    case KC_VAR_MY:
-    case KC_VAR_MZ: return within(moment(arm, b->index));
-    case KC_VAR_LEVX:
-    case KC_VAR_LEVY:
-    case KC_VAR_LEVZ:
-        return within(g * stretched(arm, KC_LEVER_LINK(b->index)).tool_m); /* no body is farther */
-    case KC_VAR_GX:
-    case KC_VAR_GY:
-    case KC_VAR_GZ: return within(g);
-    default: return within(ARG_MAX); /* its range is not stated here: no bound on it holds */
-    }
-}
+/* Not known: no bound on it holds. */
+static range_t unbounded(void) { return within(ARG_MAX); }
 
-static range_t range_of(const kc_arm_t *arm, const kc_basis_t *basis)
+#define RANGE_(number, NAME, index, from, name, unit, meaning, range, value) \
+    case KC_VAR_##NAME: return (range);
+
+/* index as kc_terms_validate allows */
+static range_t range_of(const kc_arm_t *arm, const kc_basis_t *b)
 {
-    switch ((kc_var_t)basis->var) {
-    case KC_VAR_TEMP: return between(KC_BOUNDS_TEMP_MIN_C, KC_BOUNDS_TEMP_MAX_C);
-    case KC_VAR_T: return between(basis->c0 - KC_BOUNDS_TIME_S, basis->c0 + KC_BOUNDS_TIME_S);
-    case KC_VAR_PAYLOAD: return between(0.0, KC_BOUNDS_PAYLOAD_KG);
-    case KC_VAR_RANGE: return between(0.0, KC_BOUNDS_DISTANCE_M);
-    case KC_VAR_XCAM:
-    case KC_VAR_YCAM:
-    case KC_VAR_ZCAM: return within(KC_BOUNDS_DISTANCE_M);
-    case KC_VAR_INCID: return between(0.0, 0.5 * KC_PI);
-    case KC_VAR_DIR:
-    case KC_VAR_TAG:
-    case KC_VAR_U:
-    case KC_VAR_V: return within(1.0); /* an image of 90 degrees */
-    case KC_VAR_R2: return between(0.0, 2.0);
-    case KC_VAR_PAN:
-    case KC_VAR_TILT: return within(KC_PI);
-    default: return arm_range(arm, basis);
+    switch ((kc_var_t)b->var) {
+        KC_VAR_LIST(RANGE_)
+    default: return unbounded();
     }
 }
 

@@ -5,12 +5,7 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-/* A variable newer than these counts as one that looks: that costs a pass, the contrary a wrong place. */
-static bool looks_at_view(const kc_basis_t *b)
-{
-    return b->var == KC_VAR_U || b->var == KC_VAR_V || b->var == KC_VAR_R2 || b->var == KC_VAR_XCAM ||
-           b->var == KC_VAR_YCAM || b->var == KC_VAR_ZCAM || b->var > KC_VAR_PNP_RZ;
-}
+static bool looks_at_view(const kc_basis_t *b) { return kc_var_from(b->var) == KC_FROM_VIEW; }
 
 static uint32_t view_passes(const kc_terms_t *terms)
 {

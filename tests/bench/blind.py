@@ -118,8 +118,8 @@ RIGHT = {
     "two_drivers": (),
 }
 # Joints of the bench's arm whose axis meets the next one, at right angles, in the frame before it: there the
-# tilt of the one about the other is a turn of the next joint.
-MEETING = ("1", "2", "6")
+# tilt of the one about the other is a turn of the next joint. Joint 1 is not one of them: its frame is known.
+MEETING = ("2", "6")
 # Where an unnamed effect shows and what it follows: {j} is its joint (each of a pair).
 SHOWS = {
     "compliance": ("joint {j}", "tau{j}"),

@@ -104,6 +104,7 @@ def random_data(arm, seed: int, count: int = 12, **columns):
         "pan_rad": rng.uniform(-1, 1, count), "tilt_rad": rng.uniform(-1, 1, count),
         "tag": rng.choice([0.0, 0.5, 1.0], count), "cam_p_m": rng.normal([0, 0, -2.5], 0.1, (count, 3)),
         "cam_quat_wxyz": Rotation.from_rotvec(rng.normal(0, 0.2, (count, 3))).as_quat(scalar_first=True),
+        "move": rng.normal(0, 1.0, (count, n)),
     }  # fmt: skip
     kept = {k: v for k, v in all_columns.items() if columns.get(k, True)}
     return wb.Measurements(
@@ -118,7 +119,7 @@ def drivers_at(data, i, wanted) -> dict:
         "direction": data.direction, "qdot": data.qdot, "temp_c": data.temp_c, "t_s": data.t_s,
         "payload_kg": data.payload_kg, "gravity_m_s2": data.g_m_s2, "range_m": data.range_m,
         "incid_rad": data.incid_rad, "pan_rad": data.pan_rad, "tilt_rad": data.tilt_rad, "tag": data.tag,
-        "sensor_xyz_m": data.cam_p_m, "sensor_wxyz": data.cam_quat_wxyz,
+        "sensor_xyz_m": data.cam_p_m, "sensor_wxyz": data.cam_quat_wxyz, "move": data.move,
     }  # fmt: skip
     return {name: column[i] for name, column in columns.items() if column is not None and name in wanted}
 

@@ -59,7 +59,7 @@ def test_wheel_holds_what_it_runs(wheel):
             "kincal/_core/monocypher.LICENCE.md",
             "kincal/workbench/model/effects.toml",
             "kincal/_core/libkincal_ground.so", "kincal_shared/schema/channels.csv",
-            "kincal_shared/schema/messages.csv",
+            "kincal_shared/schema/messages.csv", "kincal_shared/schema/variables.csv",
             "kincal_shared/arms/wam.toml",
             "kincal/pages/GLOSSARY.md", "kincal_shared/errors.py", "kincal_sim/launch.py",
             "kincal/pages/templates/page.html.j2", "kincal/console/static/main.js",

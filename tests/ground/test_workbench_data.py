@@ -528,8 +528,9 @@ def test_equal_rows_of_a_coarse_device_at_other_times_are_replicates():
     assert without_copies(data).n == 90
     assert without_copies(replace(data, order_is_time=True)).n == 30
     assert without_copies(replace(data, p_m=data.p_m + 1e-7)).n == 30  # no noise in six digits: copies
-    fit = SimpleNamespace(data=replace(data, replicate=np.arange(90) // 3), z=np.zeros(270))
-    floor = noise_floor(SimpleNamespace(**vars(fit), evaluation=SimpleNamespace(r=np.zeros((90, 3)))))
+    zero = SimpleNamespace(r=np.zeros((90, 3)), Jq=np.ones((90, 3, 2)))
+    fit = SimpleNamespace(data=replace(data, replicate=np.arange(90) // 3), z=np.zeros(270), evaluation=zero)
+    floor = noise_floor(SimpleNamespace(**vars(fit), whiten=np.tile(np.eye(3), (90, 1, 1))))
     assert floor.pos_m is None and "equal to the last digit" in floor.source
 
 

@@ -47,11 +47,14 @@ def test_the_noise_floor_does_not_depend_on_what_a_model_calls_an_outlier():
     rng = np.random.default_rng(3)
     group = np.repeat(np.arange(20), np.where(np.arange(20) < 7, 2, 1))
     r = rng.normal(size=(len(group), 3)) * 1e-4 + (1e-3 * rng.normal(size=(20, 3)))[group]
-    data = SimpleNamespace(replicate=group, n=len(group), cov=None)
+    ids = tuple(map(str, range(len(group))))
+    data = wb.Measurements("made", ids, np.zeros((len(group), 1)), r, replicate=group)
 
     def floor(r, good):
+        there = SimpleNamespace(r=r, Jq=np.zeros((len(group), 3, 1)))
+        whiten = np.tile(1e4 * np.eye(3), (len(group), 1, 1))
         return noise_floor(
-            SimpleNamespace(data=data, evaluation=SimpleNamespace(r=r), z=r.ravel() / 1e-4, good=good)
+            SimpleNamespace(data=data, evaluation=there, z=r.ravel() / 1e-4, whiten=whiten, good=good)
         )
 
     every = np.ones(len(group), dtype=bool)

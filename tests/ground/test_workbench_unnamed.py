@@ -208,11 +208,11 @@ def test_what_follows_time_is_named_and_no_function_of_the_pose_stands_for_it(ar
     moved_m = 5.0 * NOISE_M * np.cos(np.linspace(0.0, 3.0, clean.n))[:, None] * [1.0, -1.0, 0.5]
     drifting = replace(clean, p_m=clean.p_m + moved_m, t_s=np.arange(100.0), order_is_time=False)
     found = wb.find_unnamed(arm, drifting, ["unnamed"])
-    assert found.names == () and str(found.all_of_them.time) == "unnamed[base translation: t]"
+    assert found.names == () and str(found.all_of_them.instead) == "unnamed[base translation: t]"
     said = "\n".join(text.additions(found))
     assert "the remaining error varies with time" in said and "nothing to add" not in said
     by_name = wb.find_unnamed(arm, drifting, ["unnamed[base translation: t]", "unnamed"])
-    assert by_name.names[0] == "unnamed[base translation: t]" and by_name.all_of_them.time is None
+    assert by_name.names[0] == "unnamed[base translation: t]" and by_name.all_of_them.instead is None
 
 
 def test_no_effect_is_added_with_which_held_out_poses_are_worse_than_with_none(

@@ -43,9 +43,12 @@ class Rule:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """Content of tests/lint/vocabulary.toml; parts (of names), files: where old words are allowed."""
+    """Content of tests/lint/vocabulary.toml; any_text, any_name: what the rules forbid, together; parts (of
+    names), files: where old words are allowed."""
 
     rules: tuple[Rule, ...]
+    any_text: re.Pattern[str]
+    any_name: frozenset[str]
     parts: re.Pattern[str]
     files: frozenset[str]
     ordinary: frozenset[str]
@@ -60,6 +63,8 @@ class Vocabulary:
         allow = doc["allow"]
         return cls(
             rules=tuple(rules),
+            any_text=re.compile("|".join(rule.text.pattern for rule in rules if rule.text)),
+            any_name=frozenset().union(*(rule.names for rule in rules)),
             parts=re.compile("|".join(allow["parts"]), re.I),
             files=frozenset(allow["files"]),
             ordinary=frozenset(allow["ordinary"].split()),
@@ -160,6 +165,8 @@ def old_words(kind: str, text: str) -> tuple[tuple[str, str], ...]:
     """Of a piece: (what was found, what to write instead)."""
     name = VOCABULARY.parts.sub("", text) if kind == "name" else ""
     words, faults = set(words_of(name)), []
+    if not (VOCABULARY.any_name & words or VOCABULARY.any_text.search(name or text)):
+        return ()  # nearly always
     for rule in VOCABULARY.rules:
         if rule.text and (found := rule.text.search(name or text)):
             faults.append((found.group(), rule.instead))

@@ -9,6 +9,7 @@ numbers and says in our words what the code does.
 """
 
 import csv
+import os
 import re
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "tests/lint/misra.csv"
+ADDON = ROOT / "tests/lint/addon/misra.py"
 BUILT = re.findall(r"^ *kc_room\((\w+)", (ROOT / "fsw/CMakeLists.txt").read_text(), re.M)
 ROOMS = tuple(room for room in BUILT if room not in ("eigen", "lcm"))  # C++; the process
 MADE = ("build/made/decide", "build/made/messages")  # headers that the build makes from fsw/msg
@@ -28,19 +30,24 @@ def findings(build: Path | None) -> dict[str, dict[str, int]]:
     folders = [f"fsw/{room}" for room in ROOMS]
     options = [
         "--quiet",
-        "--addon=misra",
+        f"--addon={ADDON}",
+        f"--addon-python={sys.executable}",  # as it is: `python3` may be a script that looks for it, 90 times
         "--std=c11",
         "-UKC_GROUND",
         "-j2",
         "--suppress=missingIncludeSystem",
     ]
     options += ["--template={file}: {id}", *(f"-I{folder}" for folder in [*folders, "fsw/eigen", *MADE])]
+    environment = dict(os.environ)
     if build:
         build.mkdir(parents=True, exist_ok=True)
         options.append(f"--cppcheck-build-dir={build}")
+        # The addon's own folder is root's, perhaps.
+        environment["PYTHONPYCACHEPREFIX"] = str(build.resolve() / "bytecode")
     done = subprocess.run(
-        ["cppcheck", *options, *folders], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+        ["cppcheck", *options, *folders],
+        cwd=ROOT, env=environment, capture_output=True, text=True, check=True,
+    )  # fmt: skip
     found: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
     for path, rule in re.findall(r"^(\S+): misra-c2012-([0-9.]+)$", done.stderr, re.M):
         found[rule][Path(path).name] += 1

@@ -1,5 +1,6 @@
 """The checks find what they are there for: each is given a small tree or program with one fault."""
 
+import configparser
 import importlib.util
 import json
 import os
@@ -461,6 +462,21 @@ def test_a_condition_that_no_test_decides_is_a_failure(tmp_path):
     assert covered(folder, rows).returncode == 0
     assert "needed no more" in covered(folder, rows + rows).stdout
     assert "no reason" in covered(folder, rows.replace("tested", "")).stderr
+
+
+# ---- types
+
+
+def test_types_are_read_of_every_part_of_scipy_that_is_used():
+    config = configparser.ConfigParser()
+    config.read(TESTS / "mypy.ini")
+    [section] = [name for name in config.sections() if "scipy." in name]
+    skipped = re.findall(r"scipy\.(\w+)\.\*", section)
+    assert len(skipped) > 5
+    used = re.compile(rf"\bscipy\.({'|'.join(skipped)})\b|\bfrom scipy import .*\b({'|'.join(skipped)})\b")
+    sources = [path for folder in ("ground", "sim") for path in (ROOT / folder).rglob("*.py")]
+    assert any(re.search(r"\bscipy\.linalg\b", path.read_text()) for path in sources)
+    assert [path.name for path in sources if used.search(path.read_text())] == []
 
 
 # ---- the summary

@@ -87,6 +87,7 @@ void test_each_variable_reads_its_own_field(void)
     s_ctx.tag = 0.5;
     for (uint32_t k = 0u; k < 3u; k++) { s_ctx.p_cam_tool_m[k] = 200.0 + k; }
     for (uint32_t k = 0u; k < 6u; k++) { s_ctx.pnp[k][KC_PNP_MAX] = 400.0 + k; }
+    s_ctx.move[KC_MOVE_MAX] = 500.0;
 
     static const struct {
         uint8_t var, index;
@@ -123,6 +124,8 @@ void test_each_variable_reads_its_own_field(void)
         {KC_VAR_PNP_RY, KC_PNP_MAX, 404.0},
         {KC_VAR_PNP_RZ, KC_PNP_MAX, 405.0},
         {KC_VAR_PNP_RZ, KC_PNP_MAX + 1u, 0.0}, /* beyond the last column */
+        {KC_VAR_MOVE, KC_MOVE_MAX, 500.0},
+        {KC_VAR_MOVE, KC_MOVE_MAX + 1u, 0.0}, /* beyond the last joint */
         {KC_VAR_GX, 0u, 300.0},
         {KC_VAR_GY, 8u, 381.0},
         {KC_VAR_GZ, 3u, 332.0},
@@ -194,4 +197,12 @@ void test_only_what_gravity_does_needs_loads(void)
                          var == KC_VAR_GZ || var == KC_VAR_LEVX || var == KC_VAR_LEVY || var == KC_VAR_LEVZ;
         TEST_ASSERT_EQUAL_INT(want, kc_basis_needs_loads(&b));
     }
+}
+
+void test_a_number_that_is_no_variable_has_no_index_and_needs_nothing(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_INDEX_COLUMN, kc_var_index(KC_VAR_PNP_RZ));
+    TEST_ASSERT_EQUAL_INT(KC_FROM_POINTS, kc_var_from(KC_VAR_PNP_RZ));
+    TEST_ASSERT_EQUAL_INT(KC_INDEX_NONE, kc_var_index(KC_VAR_COUNT));
+    TEST_ASSERT_EQUAL_INT(KC_FROM_RECORD, kc_var_from(KC_VAR_COUNT));
 }

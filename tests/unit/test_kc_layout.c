@@ -216,7 +216,7 @@ static const limit_t s_limit[] = {
     {KC_TBL_TERMS, 11u, 1001, offsetof(kc_terms_t, term[1].comp), 'b', 0.0, 5.0, false},
     {KC_TBL_TERMS, 12u, 1001, offsetof(kc_terms_t, term[1].gain), 'd', -1e6, 1e6, false},
     {KC_TBL_TERMS, 13u, 1001, offsetof(kc_terms_t, term[1].basis[1].fn), 'b', 0.0, 9.0, false},
-    {KC_TBL_TERMS, 14u, 1001, offsetof(kc_terms_t, term[1].basis[1].var), 'b', 0.0, 34.0, false},
+    {KC_TBL_TERMS, 14u, 1001, offsetof(kc_terms_t, term[1].basis[1].var), 'b', 0.0, 35.0, false},
     {KC_TBL_TERMS, 15u, 1001, offsetof(kc_terms_t, term[1].basis[1].index), 'b', 0.0, 255.0, false},
     {KC_TBL_TERMS, 16u, 1001, offsetof(kc_terms_t, term[1].basis[1].c0), 'd', -1e6, 1e6, false},
     {KC_TBL_TERMS, 17u, 1001, offsetof(kc_terms_t, term[1].basis[1].c1), 'd', -1e6, 1e6, false},

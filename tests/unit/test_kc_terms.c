@@ -240,9 +240,9 @@ void test_every_variable_takes_its_own_range_of_indices(void)
     }
 }
 
-void test_columns_of_a_pnp_pose_do_not_fly(void)
+void test_columns_of_a_pnp_pose_and_last_moves_do_not_fly(void)
 {
-    for (uint8_t var = KC_VAR_PNP_TX; var <= KC_VAR_PNP_RZ; var++) {
+    for (uint8_t var = KC_VAR_PNP_TX; var <= KC_VAR_MOVE; var++) {
         for (uint8_t i = 0u; i <= 2u; i++) {
             int32_t index;
             double got;

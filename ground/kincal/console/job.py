@@ -101,7 +101,7 @@ def _findings(d: Diagnosis) -> Iterator[Plain]:
             "label": d.novel.name,
             "found": True,
             "probability": round(d.novel.probability, 3),
-            "gain": explain.held_gain(d.novel.held),
+            "gain": explain.smooth_gain(d.novel),
             "confounded": [],
         }
 

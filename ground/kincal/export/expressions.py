@@ -23,9 +23,9 @@ def _variables_with(*texts: str) -> frozenset[str]:
     )
 
 
-LEVERS = _variables_with("load.gravity", "_lever(load")
-MASSES = _variables_with("load.") - LEVERS
-LOADS = MASSES | LEVERS
+MASSES = _variables_with("load.tau", "load.moment")
+LOADS = _variables_with("load.", "_lever(load")
+LEVERS = LOADS - MASSES  # where frames, tool and gravity are
 IMAGE = _variables_with("view.u", "view.v")
 VIEW = _variables_with("view.p") | IMAGE
 

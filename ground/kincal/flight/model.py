@@ -97,6 +97,7 @@ class Observations:
             "p_m",
             "quat_wxyz",
             "direction",
+            "move",
             "qdot",
             "g_m_s2",
             "cam_p_m",
@@ -114,7 +115,7 @@ class Observations:
     def of_columns(cls, columns: Mapping[str, ArrayLike], gravity_m_s2: ArrayLike) -> Observations:
         """From arrays by name; all but q (N, n) may be missing.
 
-        p_m (N, 3) [m] and quat_wxyz (N, 4): measured tool in the base frame; direction, qdot (N, n);
+        p_m (N, 3) [m] and quat_wxyz (N, 4): measured tool in the base frame; direction, move, qdot (N, n);
         g_m_s2 (N, 3); cam_p_m (N, 3) and cam_quat_wxyz (N, 4): camera in the base frame; temp_c, t_s,
         payload_kg, range_m, incid_rad, pan_rad, tilt_rad, tag, and u_norm, v_norm (normalised image
         position, from pixels): (N,).
@@ -126,6 +127,8 @@ class Observations:
         for name, field in (("q", "q"), ("direction", "dir"), ("qdot", "qdot")):
             if name in given:
                 ctx[field][:, :joints] = given[name]
+        if "move" in given:
+            ctx["move"][:, 1 : 1 + joints] = given["move"]
         ctx["g_m_s2"] = given.get("g_m_s2", np.asarray(gravity_m_s2, dtype=float))
         for name in _SCALARS:
             ctx[name] = given.get(name, 0.0)

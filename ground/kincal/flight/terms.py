@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from kincal_shared.errors import CannotAnswer
-from kincal_shared.schema.names import PNP
+from kincal_shared.schema.names import PNP, VARIABLES
 
 from .builds import FlightLibrary, GroundLibrary, library
 
@@ -35,10 +35,7 @@ _FRAME_MACROS = {
     FRAME_CAMERA: "KC_FRAME_CAMERA",
     FRAME_MEAS: "KC_FRAME_MEAS",
 }
-# Variables of the grammar whose enumerator has another name. Without camera columns the sensor is the
-# measurement frame itself: sx, sy, sz are what xcam, ycam, zcam are then.
-_VARIABLE_NAMES = {"1": "ONE", "TAUP": "TAU_PAYLOAD", "SX": "XCAM", "SY": "YCAM", "SZ": "ZCAM"}
-_VARIABLE_NAMES |= {name.upper(): flight.upper() for name, flight in PNP.items()}
+_ENUMERATORS = {name.upper(): of.flight.upper() for name, of in VARIABLES.items()}
 
 
 class BasisLike(Protocol):
@@ -124,7 +121,7 @@ def components() -> dict[str, int]:
 def variable(name: str) -> int:
     """Number of a basis variable by its name in the grammar, any case. KeyError if there is none."""
     upper = name.upper()
-    return library("ground").enum("kc_var_t", "KC_VAR_")[_VARIABLE_NAMES.get(upper, upper)]
+    return library("ground").enum("kc_var_t", "KC_VAR_")[_ENUMERATORS.get(upper, upper)]
 
 
 def fill_basis(out: KcBasis, basis: BasisLike) -> None:

@@ -16,6 +16,7 @@ from kincal.pages.page import Command, Grid, Page, Provenance, Section, Tile, wr
 from kincal.pages.poses import Poses
 from kincal.workbench.diagnosis import EffectFinding, UnnamedFinding
 from kincal.workbench.model.hypotheses import effect_of
+from kincal.workbench.model.unnamed_names import UnnamedName
 from kincal.workbench.prediction.nextposes import NextPose, would_decide
 from kincal.workbench.report import explain
 from kincal.workbench.report.advice import Step
@@ -146,10 +147,11 @@ def _found(data: ReportContent, poses: Poses) -> Iterator[Section]:
 
 def _unnamed(data: ReportContent, poses: Poses, novel: UnnamedFinding) -> Section:
     panels = place_panels(data.diagnosis.final, novel.location, novel.depends_on)
-    sentence, gain = explain.unnamed(novel), explain.held_gain(novel.held)
+    sentence, gain = explain.unnamed(novel), explain.smooth_gain(novel)
+    advice = explain.FOLLOWS_ORIENTATION if UnnamedName.parse(novel.name).of_orientation else ""
     text = (
         f"{sentence[:1].upper()}{sentence[1:]}. As a smooth function ({novel.name}): {gain}. "
-        f"{HOW_FINDING} {poses.note}"
+        f"{advice[:1].upper()}{advice[1:]}{'. ' if advice else ''}{HOW_FINDING} {poses.note}"
     )
     figure = finding_figures.findings(panels, poses, novel.curves)
     title = "Found: something unnamed" if novel.found else "Not confirmed: something unnamed"

@@ -1,11 +1,12 @@
 """Messages of LCM to the structs of kc_app_step and back, for flight in this process.
 
-The flight process does the same in kc_wire.c, which the build makes from fsw/msg. A test compares the
-two: every message of a run, byte for byte.
+The flight process does the same in kc_wire.c, which the build makes from fsw/msg; what is sent follows the
+same words of the message files here. A test compares the two: every message of a run, byte for byte.
 """
 
 from __future__ import annotations
 
+import re
 import struct as packing
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
@@ -17,6 +18,7 @@ import numpy as np
 from kincal.flight import library
 from kincal.link import unpack_covariance
 from kincal.link.channels import BY_NAME, message_type
+from kincal_shared.schema.messages import fields_of
 
 if TYPE_CHECKING:
     from kincal.link.messages import ArmState, Cmd, Detection, LcmMessage, PantiltState, TableChunk
@@ -37,12 +39,6 @@ _CODES = {  # as messages carry them: LCM has no unsigned types
     "uint16_t": "H",
     "_Bool": "B",
 }
-_NAMES = {
-    "q": "q_rad",
-    "dq": "dq_rad_s",
-    "q_cmd": "q_cmd_rad",
-    "total": "total_bytes",
-}  # fields to flight, in messages
 _OUTPUTS = [  # member of kc_out_t, channel
     (has[4:], f"KC_{has[4:].upper()}")
     for has, _ in _FLIGHT.ffi.typeof("kc_out_t").fields or ()
@@ -118,15 +114,64 @@ class _Layout:
 _whole = cache(_Layout)
 
 
-def _read(struct: Place, *names: str) -> dict[str, Any]:
-    """Fields of a struct as messages carry them."""
-    layout = _whole(struct.ctype)
-    values = layout.read(struct)
-    return {name: _listed(values[layout.at[name]]) for name in names}
-
-
 def _listed(value: Any) -> Any:
     return list(value) if type(value) is tuple else value
+
+
+# ---- what the message files say
+
+
+def _packed(cov: Any) -> list[float]:
+    """Upper triangle of a covariance, row by row."""
+    upper: list[float] = np.array(cov).reshape(6, 6)[_UPPER].tolist()
+    return upper
+
+
+def _whole_numbers(value: Any) -> Any:
+    return [int(x) for x in value] if isinstance(value, list) else int(value)
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+_MADE: dict[str, Callable[[Any], Any]] = {"real": _whole_numbers, "byte": bytes}
+
+
+class _Kept(NamedTuple):
+    """A field of a message that flight keeps elsewhere or as another type: its name there, which entry of the
+    array (None: all), and what makes the message's value of it."""
+
+    name: str
+    kept: str
+    entry: int | None
+    made: Callable[[Any], Any]
+
+
+_AS = re.compile(r"as ((?:\w+\.)*)(\w+)(?:\[(\w+)\])?")
+
+
+@cache
+def _words(type_name: str) -> dict[str, list[str]]:
+    """Field -> what its message file says behind it."""
+    return {field.name: field.flight.split(", ") for field in fields_of(type_name)}
+
+
+@cache
+def _elsewhere(type_name: str) -> dict[tuple[str, ...], list[_Kept]]:
+    """Fields that are no plain copies, by the members on the way to them."""
+    found: dict[tuple[str, ...], list[_Kept]] = {}
+    for field in fields_of(type_name):
+        words = _words(type_name)[field.name]
+        place = next(filter(None, map(_AS.fullmatch, words)), None)
+        made = _packed if "triangle" in words else _MADE.get("real" if "real" in words else field.base)
+        if "received" in words or not (place or made):
+            continue
+        path, kept, entry = place.groups() if place else ("", field.name, None)
+        number = _FLIGHT.constant(entry) if entry else None
+        row = _Kept(field.name, kept, number, made or _same)
+        found.setdefault(tuple(path.split(".")[:-1]), []).append(row)
+    return found
 
 
 # ---- in
@@ -152,11 +197,12 @@ def _shared(
 ) -> tuple[_Layout, Callable[[Any], Any], tuple[int, ...]]:
     """Fields that a struct and a message have in common, what reads those that are not given, and where each
     field is among what was read and given."""
-    layout = _Layout(ctype, lambda name: _NAMES.get(name, name) in kind.__slots__)
+    renamed = {kept.kept: kept.name for kept in _elsewhere(kind.__name__).get((), ()) if kept.entry is None}
+    layout = _Layout(ctype, lambda name: renamed.get(name, name) in kind.__slots__)
     names = [name for name, _ in layout.fields]
     read = [name for name in names if name not in given]
     order = tuple([*read, *given].index(name) for name in names)
-    return layout, attrgetter(*(_NAMES.get(name, name) for name in read)), order
+    return layout, attrgetter(*(renamed.get(name, name) for name in read)), order
 
 
 def _write_auth(struct: Place, m: Cmd | TableChunk) -> None:
@@ -295,22 +341,47 @@ def messages(out: Place, t_us: int, event_seq: int) -> Iterator[Message]:
         yield "KC_EVENT", _message("event_t", events.entry(k), t_us=t_us, seq=event_seq + k + 1)
     for (name, channel), there in zip(_OUTPUTS, has, strict=True):
         if there:
-            struct, make = out.member(name), _MAKE.get(name)
-            message = make(struct, t_us) if make else _message(BY_NAME[channel].type, struct, t_us=t_us)
-            yield channel, message
+            yield channel, _message(BY_NAME[channel].type, out.member(name), t_us=t_us)
 
 
-def _message(type_name: str, struct: Place, /, **given: object) -> LcmMessage:
-    """A message; fields that are not given are those of the struct with the same names."""
+def _message(type_name: str, struct: Place, /, t_us: int, **given: object) -> LcmMessage:
+    """A message of a struct. t_us: its time, if the struct has none."""
     kind = _type(type_name)
     message: LcmMessage = kind.__new__(kind)
     layout = _found(struct.ctype, kind)
     values = layout.read(struct)
     for name, at in layout.at.items():
         setattr(message, name, _listed(values[at]))
-    for name, value in given.items():
-        setattr(message, name, value)
+    for path, fields in _elsewhere(type_name).items():
+        inner = struct
+        for name in path:
+            inner = inner.member(name)
+        layout = _whole(inner.ctype)
+        values = layout.read(inner)
+        for field in fields:
+            value = _listed(values[layout.at[field.kept]])
+            setattr(message, field.name, field.made(value if field.entry is None else value[field.entry]))
+    for name, value in {**_zeros(type_name), **given}.items():
+        setattr(message, name, _listed(value))
+    if _stamped(type_name):
+        message.t_us = t_us  # type: ignore[attr-defined]
     return message
+
+
+@cache
+def _zeros(type_name: str) -> dict[str, object]:
+    """Fields that flight does not fill in what it sends."""
+    return {
+        field.name: (0,) * field.length if "[" in field.type else 0
+        for field in fields_of(type_name)
+        if "received" in _words(type_name)[field.name]
+    }
+
+
+@cache
+def _stamped(type_name: str) -> bool:
+    """Whether a message gets its time when it is sent."""
+    return "edge" in _words(type_name)["t_us"]
 
 
 _type = cache(message_type)
@@ -320,59 +391,3 @@ _type = cache(message_type)
 def _found(ctype: Any, kind: Any) -> _Layout:
     """Fields of a struct that a message has too."""
     return _Layout(ctype, lambda name: name in kind.__slots__)
-
-
-def _packed(cov: Any) -> list[float]:
-    """Upper triangle of a covariance, row by row."""
-    upper: list[float] = np.array(cov).reshape(6, 6)[_UPPER].tolist()
-    return upper
-
-
-def _arm_cmd(struct: Place, t_us: int) -> LcmMessage:
-    return _message("arm_cmd_t", struct, t_us=t_us, q_rad=_read(struct, "q")["q"])
-
-
-def _table_down(struct: Place, t_us: int) -> LcmMessage:
-    """Nobody's, and not signed."""
-    read = _read(struct, "total", "data")
-    given = {"t_us": t_us, "total_bytes": read["total"], "data": bytes(read["data"])}
-    return _message("table_chunk_t", struct, **given, key_id=0, counter=0, mac=[0, 0])
-
-
-def _meas(struct: Place, _t_us: int) -> LcmMessage:
-    lib = _FLIGHT.lib
-    arm = _read(struct.member("arm"), "q", "q_cmd", "dq", "dir", "temp_c", "payload_kg", "g_m_s2")
-    crc = _read(struct, "crc")["crc"]
-    given = _read(struct.member("obs"), "p_m", "q_wxyz", "p_cam_m", "q_cam_wxyz", "cov")
-    given |= _read(
-        struct.member("det"),
-        *("p_cam_tool_m", "q_cam_tool_wxyz", "n_tags", "tag_id", "p_alt_m", "q_alt_wxyz"),
-        *("range_m", "incid_rad", "u_px", "v_px", "rms_px", "corner_px"),
-    )
-    given |= {
-        "cov": _packed(given["cov"]),
-        "q_rad": arm.pop("q"),
-        "q_cmd_rad": arm.pop("q_cmd"),
-        "dq_rad_s": arm.pop("dq"),
-        "dir": [int(d) for d in arm.pop("dir")],
-        "crc_arm": crc[lib.KC_TBL_ARM],
-        "crc_camera": crc[lib.KC_TBL_CAMERA],
-        "crc_terms": crc[lib.KC_TBL_TERMS],
-        "crc_kin": crc[lib.KC_TBL_KIN],
-    }
-    return _message("meas_t", struct, **given, **arm)
-
-
-def _proposal(struct: Place, t_us: int) -> LcmMessage:
-    kin = _read(struct.member("kin"), "n_coef", "value", "sigma", "arm_crc", "terms_crc")
-    kin |= {"crc_arm": kin.pop("arm_crc"), "crc_terms": kin.pop("terms_crc")}
-    return _message("proposal_t", struct, t_us=t_us, **kin)
-
-
-# Members of kc_out_t that are not sent as _message does.
-_MAKE: dict[str, Callable[[Place, int], LcmMessage]] = {
-    "arm_cmd": _arm_cmd,
-    "meas": _meas,
-    "proposal": _proposal,
-    "table_down": _table_down,
-}

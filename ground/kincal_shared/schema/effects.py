@@ -19,7 +19,7 @@ JointNumber = Annotated[int, Count(ge=1, le=16)]
 # What `needs` may name beside data columns: keys of the arm table, there or absent, and groups of columns.
 NEEDS = (
     "mass", "gear_ratio", "mass_unknown", "gear_unknown", "own_sensor", "dir", "cam", "image", "rotation",
-    "qdot", "points", *RECORDED,
+    "move", "qdot", "points", *RECORDED,
 )  # fmt: skip
 
 

@@ -10,13 +10,15 @@ from typing import NamedTuple
 
 
 class Field(NamedTuple):
-    """A field of a message. type: as in the .lcm file, "double[6]"; unit: by the end of its name, or ""."""
+    """A field of a message. type: as in the .lcm file, "double[6]"; unit: by the end of its name, or "";
+    flight: what flight holds differently, in the words of the message files (docs/DEVELOPING.md)."""
 
     message: str
     name: str
     type: str
     unit: str
     meaning: str
+    flight: str = ""
 
     @property
     def base(self) -> str:

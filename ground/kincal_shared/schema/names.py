@@ -1,13 +1,16 @@
 """Names of the term grammar: functions, variables, twist components, places on the arm; of acquisitions.
 
-Names only. Their numbers are those of the flight headers (fsw/model/kc_terms.h), which `kincal.flight` reads;
-tests/ground/test_schema_terms.py compares the two.
+Names only. Their numbers are those of the flight headers (kc_terms.h, kc_variables.h), which `kincal.flight`
+reads; tests/ground/test_schema_terms.py compares the two. `make stubs` makes variables.csv, which has the
+variables.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import csv
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib import resources
 from math import isfinite
 from typing import get_args
 
@@ -16,33 +19,58 @@ from .numbers import plain_number
 
 
 @dataclass(frozen=True)
-class Variable:
+class OnGround:
+    """What only the ground knows of a variable.
+
+    needs: what the data or the arm table must hold, "" if nothing. In exported code a value is given by the
+    caller, by the name `given`, with its value where the caller says nothing (None: it must be given); or it
+    is `computed`, an expression in Python and in C with {i} for the joint from 0, or the link.
+    """
+
+    needs: str = ""
+    given: str = ""
+    unless_given: float | None = None
+    computed: tuple[str, str] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variable(OnGround):
     """What a basis may depend on.
 
-    flight: name in kc_var_t, small letters. indexed: belongs to one joint (or link). needs: what the data or
-    the arm table must hold, "" if nothing. unit: of the value. of_link: its index is a link, 0 for the base;
-    of_body: a link and a body beyond. In exported code a value is given by the caller, by the name `given`,
-    with what it is `about` in words and its value where the caller says nothing (None: it must be given); or
-    it is `computed`, an expression in Python and in C with {i} for the joint from 0, or the link.
+    flight: name in kc_var_t, small letters. index, source: what its index is, and what it is computed from
+    (KC_INDEX_*, KC_FROM_* of the header, small letters). unit: of the value. about: what it is, in words.
     """
 
     flight: str
+    index: str
+    source: str
     unit: str
-    indexed: bool = False
-    needs: str = ""
-    of_link: bool = False
-    of_body: bool = False
-    given: str = ""
-    about: str = ""
-    unless_given: float | None = None
-    computed: tuple[str, str] | None = None
+    about: str
+
+    @property
+    def indexed(self) -> bool:
+        """Whether it belongs to one joint, link, or pair of these."""
+        return self.index != "none"
+
+    @property
+    def of_link(self) -> bool:
+        """Whether its index is a link, 0 for the base."""
+        return self.index == "link"
+
+    @property
+    def of_body(self) -> bool:
+        """Whether its index is a link and a body beyond."""
+        return self.index == "lever"
+
+    @property
+    def modelled(self) -> bool:
+        """Whether its value depends on the coefficients: gravity loads, where the model expects the tool."""
+        return self.source != "record"
 
 
 ACQUISITIONS: tuple[str, ...] = get_args(Acquisition)
 """How the next pose is chosen; in the order of their numbers (kc_acq_t)."""
 
-# Twist of a pose from a camera by a fault of camera or target: name here -> name in kc_var_t.
-PNP = {f"p{comp}": f"pnp_{comp}" for comp in ("tx", "ty", "tz", "rx", "ry", "rz")}
 # What may be wrong with the image of a target's points, in a unit each (METHOD.md 13.1).
 FAULTS = (
     "radial_1", "radial_2", "decentring_1", "decentring_2", "focal_x", "focal_y", "centre_x", "centre_y",
@@ -54,99 +82,73 @@ FAULTS_ON_TOOL = ("target_size", "target_edges")
 # kc_fn_t, small letters; the basis is fn(z) with z = c1 (x - c0)
 FUNCTIONS = ("lin", "sin", "cos", "tanh", "ln1p", "expn", "step", "sq", "tan2", "abs")
 
-VARIABLES = {
-    "1": Variable("one", "1"),
-    "q": Variable("q", "rad or m", True, computed=("q[{i}]", "q[{i}]")),
-    "tau": Variable("tau", "N m", True, "mass", computed=("load.tau[{i}]", "load->tau[{i}]")),
-    "Mx": Variable(
-        "mx", "N m", True, "mass", of_link=True, computed=("load.moment[{i}][0]", "load->moment[{i}][0]")
-    ),
-    "My": Variable(
-        "my", "N m", True, "mass", of_link=True, computed=("load.moment[{i}][1]", "load->moment[{i}][1]")
-    ),
-    "Mz": Variable(
-        "mz", "N m", True, "mass", of_link=True, computed=("load.moment[{i}][2]", "load->moment[{i}][2]")
-    ),
-    "dir": Variable(
-        "dir", "-1, 0, 1", True, "dir", given="direction", about="sign of the last motion of each joint"
-    ),
-    "temp": Variable("temp", "deg C", needs="temp_c", given="temp_c", about="temperature of the arm"),
-    "t": Variable("t", "s", needs="t_s", given="t_s", about="time, as in the measurements"),
-    "payload": Variable(
-        "payload",
-        "kg",
-        needs="payload_kg",
-        given="payload_kg",
-        about="extra mass at the tool",
-        unless_given=0.0,
-    ),
-    "range": Variable("range", "m", needs="range_m", given="range_m", about="range from camera to target"),
-    "incid": Variable(
-        "incid", "rad", needs="incid_rad", given="incid_rad", about="angle of incidence at the target"
-    ),
-    "u": Variable("u", "1", needs="image", computed=("view.u", "view->u")),
-    "v": Variable("v", "1", needs="image", computed=("view.v", "view->v")),
-    "r2": Variable(
-        "r2",
-        "1",
-        needs="image",
-        computed=("(view.u**2 + view.v**2)", "(view->u * view->u + view->v * view->v)"),
-    ),
-    "pan": Variable("pan", "rad", needs="pan_rad", given="pan_rad", about="pan encoder of the camera"),
-    "tilt": Variable("tilt", "rad", needs="tilt_rad", given="tilt_rad", about="tilt encoder of the camera"),
-    "qdot": Variable(
-        "qdot", "rad/s or m/s", True, "qdot", given="qdot", about="joint speed", unless_given=0.0
-    ),
-    "taup": Variable(
-        "tau_payload", "N m", True, "payload_kg", computed=("load.tau_payload[{i}]", "load->tau_payload[{i}]")
-    ),
-    "xcam": Variable("xcam", "m", needs="cam", computed=("view.p[0]", "view->p[0]")),
-    "ycam": Variable("ycam", "m", needs="cam", computed=("view.p[1]", "view->p[1]")),
-    "zcam": Variable("zcam", "m", needs="cam", computed=("view.p[2]", "view->p[2]")),
-    "tag": Variable("tag", "0, 0.5, 1", needs="tag", given="tag", about="target seen: first, both, second"),
-    # What gravity does whatever the masses are: its direction in the frame of a link, and the moment of 1 kg
-    # at the origin of a body beyond a link, about the origin of the link's frame.
-    "gx": Variable(
-        "gx", "m/s^2", True, of_link=True, computed=("load.gravity[{i}][0]", "load->gravity[{i}][0]")
-    ),
-    "gy": Variable(
-        "gy", "m/s^2", True, of_link=True, computed=("load.gravity[{i}][1]", "load->gravity[{i}][1]")
-    ),
-    "gz": Variable(
-        "gz", "m/s^2", True, of_link=True, computed=("load.gravity[{i}][2]", "load->gravity[{i}][2]")
-    ),
-    "levx": Variable(
-        "levx",
-        "N m/kg",
-        True,
-        of_body=True,
-        computed=("_lever(load, {i}, {body}, 0)", "lever(load, {i}, {body}, 0)"),
-    ),
-    "levy": Variable(
-        "levy",
-        "N m/kg",
-        True,
-        of_body=True,
-        computed=("_lever(load, {i}, {body}, 1)", "lever(load, {i}, {body}, 1)"),
-    ),
-    "levz": Variable(
-        "levz",
-        "N m/kg",
-        True,
-        of_body=True,
-        computed=("_lever(load, {i}, {body}, 2)", "lever(load, {i}, {body}, 2)"),
-    ),
+_ON_GROUND = {
+    "q": OnGround(computed=("q[{i}]", "q[{i}]")),
+    "tau": OnGround("mass", computed=("load.tau[{i}]", "load->tau[{i}]")),
+    "Mx": OnGround("mass", computed=("load.moment[{i}][0]", "load->moment[{i}][0]")),
+    "My": OnGround("mass", computed=("load.moment[{i}][1]", "load->moment[{i}][1]")),
+    "Mz": OnGround("mass", computed=("load.moment[{i}][2]", "load->moment[{i}][2]")),
+    "dir": OnGround("dir", given="direction"),
+    "move": OnGround("move", given="move", unless_given=0.0),
+    "temp": OnGround("temp_c", given="temp_c"),
+    "t": OnGround("t_s", given="t_s"),
+    "payload": OnGround("payload_kg", given="payload_kg", unless_given=0.0),
+    "range": OnGround("range_m", given="range_m"),
+    "incid": OnGround("incid_rad", given="incid_rad"),
+    "u": OnGround("image", computed=("view.u", "view->u")),
+    "v": OnGround("image", computed=("view.v", "view->v")),
+    "r2": OnGround("image", computed=("(view.u**2 + view.v**2)", "(view->u * view->u + view->v * view->v)")),
+    "pan": OnGround("pan_rad", given="pan_rad"),
+    "tilt": OnGround("tilt_rad", given="tilt_rad"),
+    "qdot": OnGround("qdot", given="qdot", unless_given=0.0),
+    "taup": OnGround("payload_kg", computed=("load.tau_payload[{i}]", "load->tau_payload[{i}]")),
+    "xcam": OnGround("cam", computed=("view.p[0]", "view->p[0]")),
+    "ycam": OnGround("cam", computed=("view.p[1]", "view->p[1]")),
+    "zcam": OnGround("cam", computed=("view.p[2]", "view->p[2]")),
+    "tag": OnGround("tag", given="tag"),
+    # What gravity does whatever the masses are: nothing is needed.
+    "gx": OnGround(computed=("load.gravity[{i}][0]", "load->gravity[{i}][0]")),
+    "gy": OnGround(computed=("load.gravity[{i}][1]", "load->gravity[{i}][1]")),
+    "gz": OnGround(computed=("load.gravity[{i}][2]", "load->gravity[{i}][2]")),
+    "levx": OnGround(computed=("_lever(load, {i}, {body}, 0)", "lever(load, {i}, {body}, 0)")),
+    "levy": OnGround(computed=("_lever(load, {i}, {body}, 1)", "lever(load, {i}, {body}, 1)")),
+    "levz": OnGround(computed=("_lever(load, {i}, {body}, 2)", "lever(load, {i}, {body}, 2)")),
     # Columns of a PnP pose, computed for effects that say `image` (METHOD.md 13.1); nobody writes them.
-    **{
-        name: Variable(flight, "m or rad", True, "points", computed=(f"pnp[{{i}}][{c}]", f"pnp[{{i}}][{c}]"))
-        for c, (name, flight) in enumerate(PNP.items())
-    },
-    # Without camera columns the sensor is the measurement frame itself (a laser tracker, a board): the
-    # position it saw, by the same variables.
-    "sx": Variable("xcam", "m", needs="own_sensor", computed=("view.p[0]", "view->p[0]")),
-    "sy": Variable("ycam", "m", needs="own_sensor", computed=("view.p[1]", "view->p[1]")),
-    "sz": Variable("zcam", "m", needs="own_sensor", computed=("view.p[2]", "view->p[2]")),
+    "ptx": OnGround("points", computed=("pnp[{i}][0]", "pnp[{i}][0]")),
+    "pty": OnGround("points", computed=("pnp[{i}][1]", "pnp[{i}][1]")),
+    "ptz": OnGround("points", computed=("pnp[{i}][2]", "pnp[{i}][2]")),
+    "prx": OnGround("points", computed=("pnp[{i}][3]", "pnp[{i}][3]")),
+    "pry": OnGround("points", computed=("pnp[{i}][4]", "pnp[{i}][4]")),
+    "prz": OnGround("points", computed=("pnp[{i}][5]", "pnp[{i}][5]")),
 }
+# Without camera columns the sensor is the measurement frame itself (a laser tracker, a board): the position
+# it saw, by the same variables.
+_OWN_SENSOR = {"sx": "xcam", "sy": "ycam", "sz": "zcam"}
+
+
+def _variables() -> Iterator[tuple[str, Variable]]:
+    """(name in the grammar, variable) of all, in the order of their numbers."""
+    yield "1", Variable(flight="one", index="none", source="record", unit="1", about="")
+    text = resources.files(__package__).joinpath("variables.csv").read_text(encoding="utf-8")
+    for row in csv.DictReader(text.splitlines()):
+        name = row["name"]
+        yield (
+            name,
+            Variable(
+                flight=row["flight"],
+                index=row["index"],
+                source=row["source"],
+                unit=row["unit"],
+                about=row["about"],
+                **vars(_ON_GROUND[name]),
+            ),
+        )
+
+
+VARIABLES = dict(_variables())
+VARIABLES |= {name: replace(VARIABLES[of], needs="own_sensor") for name, of in _OWN_SENSOR.items()}
+# Twist of a pose from a camera by a fault of camera or target: name here -> name in kc_var_t.
+PNP = {name: of.flight for name, of in VARIABLES.items() if of.source == "points"}
 
 # kc_comp_t, small letters: translation and rotation along and about the axes of the frame
 COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -167,7 +169,7 @@ DATA_CONSTANTS = ("T0", "tstart")
 GEAR_RATIO = "N"
 JOINT_LETTERS = ("i", "j", "p", "k")
 # The body of a gravity lever: a link's number, or the tool. Its index on board is 16 x link + body
-# (kc_terms.h).
+# (kc_variables.h).
 TOOL_BODY, LEVER_STRIDE = "tool", 16
 
 # What `model add` makes of a function that the library has no name for: unnamed[joint 1: q1, q3]; the word

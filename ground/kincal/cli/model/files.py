@@ -65,7 +65,8 @@ def add_command(
     chosen from the data given by --arm and --data, with the improvement on held-out poses. `unnamed` alone
     adds as many as improve cross-validation of the fitted poses, the strongest first. The held-out poses are
     not used to choose them, so some may show no improvement there. Those that `fit` would advise against are
-    left out and named: they make an unseen region of the poses worse.
+    left out and named: they make an unseen region of the poses worse. No term can follow the orientation of
+    the tool: where the error does, nothing is added, and the answer says what to look at.
 
     \b
     Examples:

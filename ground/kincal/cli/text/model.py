@@ -14,6 +14,7 @@ from kincal.workbench.model.effects import Effect, Library
 from kincal.workbench.model.hypotheses import covers
 from kincal.workbench.model.modelfile import ModelFile
 from kincal.workbench.model.parameters import BETA
+from kincal.workbench.model.unnamed_names import UnnamedName
 from kincal.workbench.prediction.nested import EffectGain
 from kincal.workbench.report import explain
 from kincal_shared.schema.model import FitEntry
@@ -74,6 +75,16 @@ def cost(gain: EffectGain) -> str:
     )
 
 
+def _instead(name: UnnamedName) -> str:
+    """Why no function is added beside one that is not to be added."""
+    if name.of_orientation:
+        return f"{explain.FOLLOWS_ORIENTATION}; {explain.NO_TERM}"
+    return (
+        "the remaining error varies with time, which no function of the pose can represent; to describe "
+        f"these poses, add {str(name)!r} by its name"
+    )
+
+
 def additions(found: Found) -> Iterator[str]:
     """Unnamed effects, a few lines each: their terms and what held-out poses gain; those that other poses
     speak against; last, what all of them bring."""
@@ -86,11 +97,8 @@ def additions(found: Found) -> Iterator[str]:
     every = found.all_of_them
     if every is None:
         return
-    if every.time is not None:
-        yield (
-            "unnamed: the remaining error varies with time, which no function of the pose can represent; to "
-            f"describe these poses, add {str(every.time)!r} by its name"
-        )
+    if every.instead is not None:
+        yield f"unnamed: {_instead(every.instead)}"
     elif not every.steps:
         yield "unnamed: nothing to add: no smooth function predicts left-out poses better and harms no others"
     if not every.steps:

@@ -1,5 +1,5 @@
-"""Approach direction where the data do not record it: the sign of each joint's last move, from the order of
-the measurements. It is taken from the whole file before poses are split or chosen."""
+"""What the order of the measurements tells: each joint's last move, and its sign, the approach direction,
+where the data do not record it. Both are taken from the whole file before poses are split or chosen."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ _LEAST_POSES = 10  # fewer rows can be sorted by chance
 _DISTINCT = 0.9  # share of different values from which on a sorted column is no grid
 _RANDOM = 0.8  # of the mean square of steps, in units of its mean for a random order
 _TURNS = 0.25  # of the moves: another joint that turns back so often was not led by the sorted one
+_ELSEWHERE = 0.1  # of the moves against the recorded direction: the arm went by other points between
 
 
 def with_direction(data: Measurements) -> Measurements:
-    """The data with the approach direction inferred if none is recorded. A note says how, or why not."""
+    """The data with each joint's last move, and with the approach direction inferred if none is recorded. A
+    note says how, or why not."""
     if data.direction is not None:
-        return data
+        return _with_moves(data)
     time = "the order of rows" if data.order_is_time else "the times"
     reason = _why_not(data)
     if reason:
@@ -29,7 +31,24 @@ def with_direction(data: Measurements) -> Measurements:
     direction = np.empty_like(data.q)
     direction[order] = last_moves(data.q[order])
     note = f"approach direction inferred from {time}: no dir columns"
-    return replace(data, direction=direction, direction_source="inferred", notes=(*data.notes, note))
+    inferred = replace(data, direction=direction, direction_source="inferred", notes=(*data.notes, note))
+    return _with_moves(inferred)
+
+
+def _with_moves(data: Measurements) -> Measurements:
+    """The data with each joint's last move, unless their order tells none, or recorded directions say that
+    the arm came from elsewhere than the pose before. A single move against them is unknown: 0."""
+    order = order_of_measurement(data)
+    if order is None:
+        return data
+    move = np.empty_like(data.q)
+    move[order] = changes(data.q[order])
+    if data.direction_source != "inferred" and data.direction is not None:
+        against = (data.direction * move < 0.0) & (np.abs(move) > SAME_POSE)
+        if against.sum() > _ELSEWHERE * (np.abs(move) > SAME_POSE).sum():
+            return data
+        move[against] = 0.0
+    return replace(data, move=move)
 
 
 def order_of_measurement(data: Measurements) -> Indices | None:
@@ -61,6 +80,16 @@ def last_moves(q: Array, tol: float = SAME_POSE) -> Array:
     sign = np.where(np.abs(moves) > tol, np.sign(moves), 0.0)
     last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(q))[:, None], 0), axis=0)
     return np.take_along_axis(sign, last, axis=0)
+
+
+def changes(q: Array, tol: float = SAME_POSE) -> Array:
+    """(N, n) change of each joint from the pose before [rad or m]; q: (N, n) readings in the order of
+    measurement. Readings of one pose, which agree within `tol`, keep that of the first; 0 before any move.
+    """
+    moves = np.diff(q, axis=0, prepend=q[:1])
+    moved = (np.abs(moves) > tol).any(axis=1)
+    last: Array = moves[np.maximum.accumulate(np.where(moved, np.arange(len(q)), 0))]
+    return last
 
 
 def _why_not(data: Measurements) -> str:

@@ -31,10 +31,12 @@ class Measurements:
     source: where they come from; ids: one name a pose; q: (N, n) encoder readings [rad or m]; p_m: (N, 3)
     measured tool position, base frame; quat_wxyz: (N, 4) its orientation; cov: (N, 6, 6) stated covariance of
     (position, rotation vector), base frame [m, rad] (None if nothing was stated); direction: (N, n) approach
-    signs; qdot: (N, n) [rad/s or m/s]; g_m_s2: (N, 3) gravity, base frame; cam_p_m, cam_quat_wxyz: (N, 3),
-    (N, 4) camera pose in the base frame; tag: (N,) which tag was seen (0 first, 1 second, 0.5 both); split:
-    (N,) "fit" or "held"; replicate: (N,) number of the group of poses that were measured again (same
-    commanded pose), replicate_stated: the file says so; the others are (N,) in the unit of their name.
+    signs; move: (N, n) change of each joint from the pose before, by the order of measurement [rad or m], 0
+    where it is unknown; qdot: (N, n) [rad/s or m/s]; g_m_s2: (N, 3) gravity, base frame; cam_p_m,
+    cam_quat_wxyz: (N, 3), (N, 4) camera pose in the base frame; tag: (N,) which tag was seen (0 first, 1
+    second, 0.5 both); split: (N,) "fit" or "held"; replicate: (N,) number of the group of poses that were
+    measured again (same commanded pose), replicate_stated: the file says so; the others are (N,) in the unit
+    of their name.
     direction_source: "measured" (in the file), "inferred" from the order of measurement, or "none".
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why; duplicates:
     number of rows that were left out as copies of another row, rounded: of those, such with fewer digits;
@@ -52,6 +54,7 @@ class Measurements:
     cov: Array | None = None
     t_s: Array | None = None
     direction: Array | None = None
+    move: Array | None = None
     qdot: Array | None = None
     temp_c: Array | None = None
     payload_kg: Array | None = None

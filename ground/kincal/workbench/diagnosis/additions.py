@@ -28,6 +28,7 @@ from . import Diagnosis, HeldGain
 MOST_EFFECTS = 10
 _TRIED = 12  # names whose whole function is scored at each step
 _ODDS = 9.0
+_TIMES = 2.0  # the ln evidence of all other functions that one of the orientation needs to stop them
 _ROWS_EACH = (
     2  # that the poses have for each coefficient of the whole model; with fewer, functions only fit noise
 )
@@ -51,16 +52,16 @@ class Additions:
     """Unnamed effects that a model asks for.
 
     steps: in the order they were added; fit: of the model with all of them, on the fit poses; held_pos_m,
-    held_rot_rad: RMS error of the held-out poses with it [m], [rad]; NaN and None where there are none; time:
-    a function of time that explains far more of what is left than any of the pose, which would only stand for
-    it.
+    held_rot_rad: RMS error of the held-out poses with it [m], [rad]; NaN and None where there are none;
+    instead: a function of time, or of the tool's orientation, that explains far more of what is left than any
+    that is added here, which would only stand for it.
     """
 
     steps: tuple[Addition, ...]
     fit: Fit
     held_pos_m: float
     held_rot_rad: float | None
-    time: UnnamedName | None = None
+    instead: UnnamedName | None = None
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -85,19 +86,19 @@ def add_unnamed(
     """
     steps: list[Addition] = []
     fit = fit_part(comparison, hypotheses, dh=dh)
-    begin, time = fit, None
+    begin, instead = fit, None
     while len(steps) < most:
         progress("unnamed effects", len(steps), most)
         scorer = _scorer(fit)
-        names, tries, time = _proposed(fit, scorer)
-        wanted = () if time else _wanted(fit, scorer, names, tries)
+        names, tries, instead = _proposed(fit, scorer)
+        wanted = () if instead else _wanted(fit, scorer, names, tries)
         step = _next(comparison, fit, wanted, begin, dh=dh)
         if step is None:
             break
         addition, fit = step
         steps.append(addition)
     position, rotation = rms(_held_residuals(fit, comparison.held_data))
-    return Additions(tuple(steps), fit, position, rotation, time)
+    return Additions(tuple(steps), fit, position, rotation, instead)
 
 
 def only(
@@ -181,7 +182,7 @@ def _wanted(fit: Fit, scorer: Scorer, names: Sequence[UnnamedName], tries: int) 
 
 def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int, UnnamedName | None]:
     """Places and drivers that the map and the dictionary of products point at, how many there are, and a
-    function of time that has far more evidence than all others."""
+    function that is not to be added and has far more evidence than all that are."""
     cells = scorer.map()
     scored = {(s.best.location, s.best.drivers): s.ln_bf for s in cells}
     products = score_products(scorer.columns, scorer.projector, scorer.wz, scorer.noise, count=10 * _TRIED)
@@ -190,26 +191,35 @@ def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int, Unnamed
         scored[key] = max(product.ln_bf, scored.get(key, -np.inf))
     taken, possible = {h.name for h in fit.hypotheses}, {p.name for p in all_places(fit.arm, fit.data)}
     ranked = sorted(scored, key=lambda key: -scored[key])
-    every = [UnnamedName(place, drivers) for place, drivers in ranked if place in possible]
-    new = [name for name in every if str(name) not in taken]
-    time, new = _first_of_time(scored, new), [name for name in new if not name.of_time]
+    every = [UnnamedName(place, drivers) for place, drivers in ranked]
+    new = [n for n in every if str(n) not in taken and (n.place in possible or n.of_orientation)]
+    instead, new = _first_instead(scored, new), [name for name in new if not _not_added(name)]
     # the map is too smooth to point at ripples of a joint's own angle
     own = [UnnamedName(f"joint {j}", (f"q{j}",)) for j in range(1, fit.arm.n + 1)]
     ripples = [name for name in own if name in new[_TRIED:]]
-    return [*new[:_TRIED], *ripples], max(len(scored), 1), time
+    return [*new[:_TRIED], *ripples], max(len(scored), 1), instead
 
 
-def _first_of_time(
+def _not_added(name: UnnamedName) -> bool:
+    """It predicts no later poses, or no term can hold it."""
+    return name.of_time or name.of_orientation
+
+
+def _first_instead(
     scored: Mapping[tuple[str, tuple[str, ...]], float], ranked: Sequence[UnnamedName]
 ) -> UnnamedName | None:
-    """The first function of time, if it has far more evidence than each of the pose and than nothing."""
-    first = next((name for name in ranked if name.of_time), None)
+    """The first function that is not added, if it has far more evidence than those that are, and nothing."""
+    first = next((name for name in ranked if _not_added(name)), None)
     if first is None:
         return None
     ln_bf = scored[first.place, first.drivers]
-    others = max((scored[name.place, name.drivers] for name in ranked if not name.of_time), default=-np.inf)
-    least = _least_ln_bf(len(scored))
-    return first if ln_bf > max(least, others + np.log(_ODDS)) else None
+    others = max(
+        (scored[name.place, name.drivers] for name in ranked if not _not_added(name)), default=-np.inf
+    )
+    least = max(_least_ln_bf(len(scored)), others + np.log(_ODDS))
+    if first.of_orientation:  # which joint angles follow in part: little more evidence decides nothing
+        least = max(least, _TIMES * others)
+    return first if ln_bf > least else None
 
 
 def _least_ln_bf(tries: int) -> float:

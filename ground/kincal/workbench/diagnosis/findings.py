@@ -30,7 +30,8 @@ from ..evidence.curves import Curve, curves
 from ..evidence.scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
 from ..evidence.serial import Serial
 from ..evidence.smooth import smooth_effect
-from ..evidence.unnamed import Cell
+from ..evidence.unnamed import Cell, cells
+from ..fit.columns import Columns
 from ..fit.least_squares import Fit
 from ..model.effects import Hypothesis
 from ..model.hypotheses import Untestable, effect_of, place_of
@@ -296,12 +297,15 @@ def unnamed_finding(study: Study, found: Selection) -> UnnamedFinding:
     posterior = found.last
     top = posterior.top_unnamed
     name = UnnamedName.of_cell(top.best.location, top.best.drivers)
-    held, lines, support = _smooth(study, found.model, name)
+    if name.of_orientation:
+        held, lines, support = _by_orientation(study, found.model, top.best)
+    else:
+        held, lines, support = _smooth(study, found.model, name)
     return UnnamedFinding(
         name=str(name),
         location=top.best.location,
         depends_on=top.best.drivers,
-        suggested_terms=suggest(top.best, posterior.scorer),
+        suggested_terms=() if name.of_orientation else suggest(top.best, posterior.scorer),
         p_value=_unnamed_p(posterior, top),
         probability=posterior.unnamed * support,
         held=held,
@@ -331,6 +335,20 @@ def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tu
     if h is None:
         return NO_HELD_OUT, (), UNTESTED
     return study.held_gain(model, h), curves(study.fit((*model, h)), h), _chance(study, model, h, chosen)
+
+
+def _by_orientation(study: Study, model: Model, cell: Cell) -> tuple[HeldGain, tuple[Curve, ...], float]:
+    """The same for a function of the tool's orientation, which no term can hold: by its cell's columns."""
+
+    def columns(fit: Fit) -> Array:
+        every = cells(Columns(fit, np.ones(fit.data.n)), double=False)
+        return next(c.columns for c in every if c.name == cell.name)
+
+    found = study.linear_gain(model, columns)
+    held, chance = (NO_HELD_OUT, UNTESTED) if found is None else (found[0], found[1].probability)
+    if chance < _PREDICTABLE and study.black_box_gains(model):
+        chance = _PREDICTABLE
+    return held, (), chance
 
 
 def _chance(study: Study, model: Model, h: Hypothesis, chosen: Callable[[Fit], Hypothesis | None]) -> float:

@@ -300,6 +300,18 @@ class Study:
             before, after, TURNS, stretches(data, 2 * TURNS) if self.in_stretches else data.repeats
         )
 
+    def linear_gain(self, model: Model, columns: Callable[[Fit], Array]) -> tuple[HeldGain, Support] | None:
+        """What poses that were not fitted gain from a function that no term can hold: of all poses in turns,
+        linear at the fit, where `columns` gives its whitened ones. None where too few poses are there."""
+        if not self.can_take_turns:
+            return None
+        fit, groups = self.fit(model), self._pool.repeats
+        if self.in_stretches:
+            groups = stretches(self._pool, 2 * TURNS)
+        before, after = predicted(fit, self._turns), predicted(fit, self._turns, columns(fit))
+        gain = HeldGain.of(_square(before), _square(after), groups, cross_validated=True)
+        return _with_rotation(gain, before, after), of_turns(before, after, TURNS, groups)
+
     def black_box_gains(self, model: Model) -> bool:
         """A black box beside the given model predicts held-out poses better than this one, beyond chance."""
         box = None if self.in_stretches else self.comparison.reachable
@@ -336,8 +348,13 @@ class Study:
         before, after = self._held(without), self._held(with_it)
         groups = self._alike
         gain = HeldGain.of(_square(before), _square(after), groups, cross_validated=self._few)
-        turned = rms(after)[1], rms(before)[1]
-        return replace(gain, rotation=turned[0] / turned[1]) if turned[0] and turned[1] else gain
+        return _with_rotation(gain, before, after)
+
+
+def _with_rotation(gain: HeldGain, before: Array, after: Array) -> HeldGain:
+    """A gain with the ratio of the rotation errors of residuals (M, c), where there are some."""
+    turned = rms(after)[1], rms(before)[1]
+    return replace(gain, rotation=turned[0] / turned[1]) if turned[0] and turned[1] else gain
 
 
 def _together(groups: Groups | None, n: int, held: Measurements) -> Groups | None:

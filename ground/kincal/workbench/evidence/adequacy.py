@@ -12,8 +12,9 @@ from ..fit.columns import Columns
 from ..fit.least_squares import Fit, taken_by
 from ..fit.thinning import thinned
 from ..numerics.distributions import chi2_quantile, chi2_tail, f_tail, normal_quantile, rank_sum_p
-from ..numerics.types import Array, Indices, Mask
+from ..numerics.types import Array, Mask
 from .bayes_factors import LN_SCALE_SIGMA
+from .replicates import Approached, replicates
 from .scoring import Scorer, bulk_weights, scaled_p
 from .unnamed import Driver, drivers
 from .variables import variable_values
@@ -21,7 +22,6 @@ from .variables import variable_values
 ADEQUATE_P = 0.05
 STRUCTURE_P = 0.01
 _MIN_REPLICATE_DOF = 6
-_FAR = 10.0  # median distances from the middle of a group: a mistake rather than noise
 _GROSS = 10.0  # median errors of poses that were not fitted: the same
 _MANY_OUTLIERS = 0.05  # of the poses; a model that leaves out more does not explain them
 _CLUSTER_P = 0.01
@@ -41,13 +41,15 @@ REPLICATES, STATED, UNKNOWN = (
 class NoiseFloor:
     """What the measurement itself cannot do better than, RMS position [m] and rotation [rad].
 
-    source: where the numbers come from; both are None where nothing says; dof: of the replicates.
+    source: where the numbers come from; both are None where nothing says; dof: of the replicates;
+    approached: how the differences of replicates follow the way the arm came, which is not in the numbers.
     """
 
     pos_m: float | None
     rot_rad: float | None
     source: str
     dof: int = 0
+    approached: Approached | None = None
 
 
 @dataclass(frozen=True)
@@ -102,50 +104,29 @@ class Outliers:
 
 
 def noise_floor(fit: Fit) -> NoiseFloor:
-    """From replicates if there are enough, else from the stated covariance, else unknown."""
-    r = fit.evaluation.r
-    groups = list(_replicates(fit))
-    dof = sum(len(members) - 1 for members in groups)
-    if dof >= _MIN_REPLICATE_DOF:
-        square = np.sum([_within(r[members]).sum(axis=0) for members in groups], axis=0)
+    """From replicates if there are enough, else from the stated covariance, else unknown. What differs
+    between replicates because the arm came from another side is no noise."""
+    r, found = fit.evaluation.r, replicates(fit)
+    taken = found.taken / r.shape[1]  # degrees of freedom of a pose that went to the approach
+    if (dof := int(found.repeats - taken)) >= _MIN_REPLICATE_DOF:
+        square = found.square(r - found.error)
         if square[:3].sum() > 0.0:  # else they are equal to the last digit that the device gives
-            return NoiseFloor(*_pos_rot(square / dof), REPLICATES, dof)
+            variance = square / (found.repeats - taken)
+            return NoiseFloor(*_pos_rot(variance), REPLICATES, dof, found.approached)
     if fit.data.cov is not None:
         variance = np.einsum("nii->ni", fit.data.cov).mean(axis=0)[: r.shape[1]]
-        return NoiseFloor(*_pos_rot(variance), STATED)
-    return NoiseFloor(None, None, _unknown(dof))
+        return NoiseFloor(*_pos_rot(variance), STATED, approached=found.approached)
+    return NoiseFloor(None, None, _unknown(found.repeats, dof), approached=found.approached)
 
 
-def _unknown(dof: int) -> str:
-    """Why nothing says how large the noise is."""
-    if dof == 0:
+def _unknown(repeats: int, dof: int) -> str:
+    """Why nothing says how large the noise is; dof: of the repeats, which the approach takes some of."""
+    if repeats == 0:
         return UNKNOWN
     if dof >= _MIN_REPLICATE_DOF:
         return "unknown: replicates are equal to the last digit, and no stated covariance"
-    enough = f"{dof} of the {_MIN_REPLICATE_DOF} repeated measurements that are needed"
+    enough = f"{max(dof, 0)} of the {_MIN_REPLICATE_DOF} repeated measurements that are needed"
     return f"unknown: {enough}, and no stated covariance"
-
-
-def _replicates(fit: Fit) -> Iterator[Indices]:
-    """Indices of the poses of each group that was measured more than once, without those far from the others
-    of their group. What a model calls an outlier does not matter: the noise is that of the data."""
-    groups = fit.data.replicate if fit.data.replicate is not None else np.arange(fit.data.n)
-    numbers, counts = np.unique(groups, return_counts=True)
-    found = [np.flatnonzero(groups == number) for number in numbers[counts > 1]]
-    if not found:
-        return
-    z = fit.z.reshape(fit.data.n, -1)
-    away = [np.linalg.norm(z[members] - np.median(z[members], axis=0), axis=1) for members in found]
-    most = _FAR * np.median(np.concatenate(away))
-    for members, distance in zip(found, away, strict=True):
-        if (kept := members[distance <= most]).size > 1:
-            yield kept
-
-
-def _within(rows: Array) -> Array:
-    """(M, c) squares about the mean of the rows."""
-    squares: Array = (rows - rows.mean(axis=0)) ** 2
-    return squares
 
 
 def _pos_rot(variance: Array) -> tuple[float, float | None]:
@@ -191,11 +172,10 @@ def _position_and_rotation(fit: Fit) -> Iterator[tuple[float, float]]:
 
 def _f_test(fit: Fit) -> float | None:
     """Lack of fit against pure error (Draper, Smith, Applied Regression Analysis, 3rd ed., section 2.1)."""
-    z = fit.z.reshape(fit.data.n, -1)
-    square, dof_error = 0.0, 0
-    for members in _replicates(fit):
-        square += float(_within(z[members]).sum())
-        dof_error += (len(members) - 1) * z.shape[1]
+    found = replicates(fit)
+    error = np.einsum("nij,nj->ni", fit.whiten, found.error)
+    square = float(found.square(fit.z.reshape(error.shape) - error).sum())
+    dof_error = found.repeats * error.shape[1] - found.taken
     dof_lack = fit.dof - dof_error
     if dof_lack <= 0 or square <= 0:
         return None
@@ -218,10 +198,10 @@ def _worst_pose(fit: Fit, i: int) -> WorstPose:
 
 def find_outliers(fit: Fit, held: Measurements | None = None) -> Outliers:
     """Poses beyond the chi^2 quantile 1 - 0.01/N; and whether they cluster, which would be an effect. Of held
-    poses, which are not among the fitted ones, those that are grossly off too. Not those whose approach
-    direction nobody knows (the first one of a session), where an effect of the model follows it."""
+    poses, which are not among the fitted ones, those that are grossly off too. Not those whose last move
+    nobody knows (the first one of a session), where an effect of the model follows it or its sign."""
     n, c = fit.evaluation.r.shape
-    flagged = list((fit.d2 > chi2_quantile(0.01 / n, c)) & ~_without_direction(fit))
+    flagged = list((fit.d2 > chi2_quantile(0.01 / n, c)) & ~_without_last_move(fit))
     names = fit.data.ids
     if held is not None:
         names += held.ids
@@ -230,13 +210,18 @@ def find_outliers(fit: Fit, held: Measurements | None = None) -> Outliers:
     return Outliers(ids, len(names), _clusters(thinned(fit), ids))
 
 
-def _without_direction(fit: Fit) -> Mask:
-    """(N,) poses without an approach direction that the model needs, since none could be inferred."""
-    direction = fit.data.direction
-    joints = {b.index - 1 for p in fit.parameters for t in p.terms for b in t.basis if b.var == "dir"}
-    if direction is None or fit.data.direction_source != "inferred" or not joints:
-        return np.zeros(fit.data.n, dtype=bool)
-    return np.asarray((direction[:, sorted(joints)] == 0.0).any(axis=1), dtype=bool)
+def _without_last_move(fit: Fit) -> Mask:
+    """(N,) poses without an approach direction or a last move that the model needs, since their order does
+    not tell it."""
+    used = {(b.var, b.index - 1) for p in fit.parameters for t in p.terms for b in t.basis}
+    direction, move = fit.data.direction, fit.data.move
+    unknown = np.zeros(fit.data.n, dtype=bool)
+    if direction is not None and fit.data.direction_source == "inferred":
+        joints = sorted(j for var, j in used if var == "dir")
+        unknown |= (direction[:, joints] == 0.0).any(axis=1)
+    if move is not None and any(var == "move" for var, _ in used):
+        unknown |= ~move.any(axis=1)
+    return unknown
 
 
 def gross(square: Array) -> Mask:

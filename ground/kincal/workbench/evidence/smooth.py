@@ -79,6 +79,11 @@ def smooth_effect(name: UnnamedName, scorer: Scorer, *, most: int = MOST_TERMS) 
 
 def full_effect(name: UnnamedName, scorer: Scorer) -> SmoothEffect:
     """All shapes of the family and the size with the most evidence. Errors as `smooth_effect`."""
+    if name.of_orientation:
+        raise CannotAnswer(
+            f"{name}: no term can follow the orientation of the tool: flight has no such variables",
+            todo="look at the target, the sensor and the tool; an arm model is no place for their errors",
+        )
     fit = scorer.columns.fit
     place = find_place(name.place, fit.arm, fit.data)
     variables = [_variable(driver, scorer.columns) for driver in name.drivers]

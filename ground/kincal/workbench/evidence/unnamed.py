@@ -23,8 +23,10 @@ from kincal_shared.schema.terms import Basis
 from ..data.measurements import Measurements
 from ..fit.columns import Columns
 from ..model.places import TYPICAL_SIZE, ErrorPlace, joint_places, other_places
+from ..model.unnamed_names import GRAVITY, ORIENTATION, TOOL_AXES
 from ..numerics.types import Array, array
 from .bayes_factors import Moments
+from .orientation import orientation_features
 from .products import ScoredProduct
 
 _SINGLE = 5  # eigenvectors of one driver
@@ -34,6 +36,18 @@ _MIN_INCIDENCE_POSES = 6
 _MIN_IMAGE_SPREAD = 0.01  # of normalised image position: about 14 px
 _LEAST_EIGENVALUE = 1e-6  # of the largest one
 _SHIFTS, _TURNS = (0, 1, 2), (3, 4, 5)
+_MEASURED = "measured orientation"
+_SEEN = (ORIENTATION, *TOOL_AXES)
+# What may follow the orientation of the tool: errors of the sensor follow it as the sensor sees it, a tool or
+# a target that bends follows gravity.
+_ORIENTED = {
+    "base translation": (*_SEEN, GRAVITY),
+    "camera translation": _SEEN,
+    "range": _SEEN,
+    _MEASURED: _SEEN,
+    "tool rotation": (GRAVITY,),
+    "tool translation": (GRAVITY,),
+}
 
 
 @dataclass(frozen=True)
@@ -50,6 +64,16 @@ class Driver:
 
     name: str
     features: Array
+
+    @property
+    def is_move(self) -> bool:
+        """A joint's last move, which a pose has only after another one."""
+        return self.name.startswith("move")
+
+    def acts_at(self, location: str) -> bool:
+        """Whether an error at a location may follow it: how far joints moved tells of joints that are not at
+        rest, and of nothing else."""
+        return location.startswith("joint") or not self.is_move
 
 
 @dataclass(frozen=True)
@@ -96,7 +120,8 @@ def cells(columns: Columns, *, double: bool = True) -> list[Cell]:
     """All cells. Cells of two drivers are only made at joints (elsewhere they cannot be distinguished)."""
     places, singles = locations(columns), drivers(columns)
     joints = [place for place in places if place.name.startswith("joint")]
-    out = [_cell(place, driver) for place in places for driver in singles]
+    out = [_cell(place, driver) for place in places for driver in singles if driver.acts_at(place.name)]
+    out += [_cell(place, driver) for place, by in oriented(columns) for driver in by]
     if double:
         out += [_cell(place, driver) for driver in _pairs(columns) for place in joints]
     return out
@@ -146,6 +171,25 @@ def locations(columns: Columns) -> list[Location]:
 
 def _rows(place: ErrorPlace, columns: Columns) -> Location:
     return Location(place.name, TYPICAL_SIZE * columns.location(place.frame, place.components))
+
+
+def oriented(columns: Columns) -> list[tuple[Location, list[Driver]]]:
+    """Locations with the drivers of the tool's orientation that an error there may follow."""
+    made = {name: Driver(name, _unit_variance(x)) for name, x in orientation_features(columns)}
+    measured = [_measured(columns)] if columns.c == 6 else []
+    places = [place for place in (*locations(columns), *measured) if place.name in _ORIENTED]
+    return [(place, [made[name] for name in _ORIENTED[place.name] if name in made]) for place in places]
+
+
+def _measured(columns: Columns) -> Location:
+    """A turn of the measured orientation, about axes of the sensor, that leaves the position as it is: no
+    frame of the chain does that."""
+    camera = columns.fit.data.cam_quat_wxyz
+    turns = columns.fit.whiten[:, :, 3:]
+    if camera is not None:
+        turns = turns @ matrix_of_wxyz(camera)
+    rows = columns.weighted(turns.reshape(-1, 3)).reshape(columns.n, columns.c, 3)
+    return Location(_MEASURED, TYPICAL_SIZE * rows.transpose(0, 2, 1))
 
 
 def _range(columns: Columns) -> Location:
@@ -198,7 +242,7 @@ def drivers(columns: Columns) -> list[Driver]:
 
 def _order(found: Mapping[str, Array], joints: int) -> list[str]:
     """Names in the order of the map's columns."""
-    per_joint = [f"{kind}{j}" for kind in ("q", "tau", "dir", "qdot") for j in range(1, joints + 1)]
+    per_joint = [f"{kind}{j}" for kind in ("q", "tau", "dir", "move", "qdot") for j in range(1, joints + 1)]
     single = ["t", "temp", "payload", "tag", "zcam", "u", "v", "r2", "sx", "sy", "sz", "incid", "pan",
               "tilt", "order"]  # fmt: skip
     return [name for name in (*per_joint, *single) if name in found]
@@ -210,7 +254,7 @@ def _recorded(data: Measurements, prismatic: tuple[bool, ...]) -> dict[str, Arra
     out = {
         f"q{j}": _features(_angle_kernel(data.q[:, j - 1], slides)) for j, slides in enumerate(prismatic, 1)
     }
-    for label, values in (("dir", data.direction), ("qdot", data.qdot)):
+    for label, values in (("dir", data.direction), ("move", data.move), ("qdot", data.qdot)):
         if values is not None:
             out |= {f"{label}{j}": _linear(values[:, j - 1]) for j in range(1, len(prismatic) + 1)}
     scalars = {"temp": data.temp_c, "payload": data.payload_kg, "tag": data.tag, "incid": data.incid_rad,

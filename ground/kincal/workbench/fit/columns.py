@@ -17,7 +17,7 @@ from ..numerics.types import Array
 from .least_squares import Fit
 
 # Variables whose values depend on the coefficients: gravity loads, and where the model expects the tool.
-_MODELLED = frozenset(name for name, of in VARIABLES.items() if of.computed) - {"q"}
+_MODELLED = frozenset(name for name, of in VARIABLES.items() if of.modelled)
 
 
 @lru_cache(maxsize=8)

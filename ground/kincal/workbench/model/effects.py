@@ -38,6 +38,7 @@ _NEED_TEXT = {
     "gear_unknown": "an arm table without gear ratios",
     "own_sensor": "data without camera columns",
     "dir": "dir1..",
+    "move": "rows in the order of measurement",
     "cam": "cx..cqz",
     "image": "cx..cqz",
     "rotation": "qw..qz",
@@ -96,7 +97,11 @@ class Hypothesis:
     def of_session(self) -> bool:
         """It depends on time, and holds for the session that was measured: what drifts or settles starts anew
         in the next one."""
-        return any(basis.var == "t" for p in self.parameters for term in p.terms for basis in term.basis)
+        return self.follows("t")
+
+    def follows(self, variable: str) -> bool:
+        """Whether a term depends on a variable of the grammar, of any joint."""
+        return any(b.var == variable for p in self.parameters for term in p.terms for b in term.basis)
 
 
 def _is_even(parameter: Parameter) -> bool:

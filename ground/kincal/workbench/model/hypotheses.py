@@ -19,6 +19,8 @@ from .sight import Constants, sight_constants
 # Prior probabilities of "nothing is missing" and "what is missing has no name in the library"; the
 # testable effects share the rest equally.
 PRIOR_NONE, PRIOR_UNNAMED = 0.3, 0.1
+# Of the prior of a pair, where data show nothing of its second joint: one joint is the simpler cause.
+_UNSEEN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -161,12 +163,24 @@ def _candidates(
     alone = share / max(len(by_name), 1) * (0.5 if several else 1.0)
     weights = _weights(effect, next(iter(by_name.values()), []), data)
     out = [
-        Candidate(name, effect, tuple(hs), alone, weights) for name, hs in by_name.items() if name not in used
+        Candidate(name, effect, tuple(hs), alone * (_UNSEEN if _of_one_joint(hs[0], data) else 1.0), weights)
+        for name, hs in by_name.items()
+        if name not in used
     ]
     if several:
         variants = tuple(merged(effect, group) for group in by_constants(instances))
         out.append(Candidate(effect.name, effect, variants, 0.5 * share, weights))
     return out
+
+
+def _of_one_joint(h: Hypothesis, data: Measurements) -> bool:
+    """An error of one joint by the side that another came from, and both came from the same side, or from
+    opposite ones, to all poses."""
+    joints = joints_of(h.name)
+    if len(joints) != 2 or data.direction is None or not h.follows("dir"):
+        return False
+    a, b = (data.direction[:, joint - 1] for joint in joints)
+    return bool((a == b).all() or (a == -b).all())
 
 
 def _weights(effect: Effect, variants: Sequence[Hypothesis], data: Measurements) -> tuple[float, ...]:

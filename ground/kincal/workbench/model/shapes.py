@@ -19,7 +19,7 @@ _COSINES, _HARMONICS = 5, 3
 _FINE, _FINE_HALF = 40, 12.0  # of one driver alone: gear teeth and bearings ripple
 _LEAST_WEIGHT = 0.09  # products of two fine shapes are left out: too many, and noise
 _JOINT_DRIVER = re.compile(r"([a-z]+?)(\d+)")
-_SWITCHES = ("dir", "tag", "qdot")  # an error follows them in proportion
+_SWITCHES = ("dir", "move", "tag", "qdot")  # an error follows them in proportion
 _ANGLES = ("q", "pan", "tilt")
 _FUNCTIONS: dict[str, Callable[[Array], Array]] = {
     "lin": lambda x: x,
@@ -58,7 +58,7 @@ class Variable:
 
     @property
     def switches(self) -> bool:
-        """An error follows it in proportion: signs, the tag that was seen, velocities."""
+        """An error follows it in proportion: signs, last moves, the tag that was seen, velocities."""
         return self.basis.var in _SWITCHES
 
     @property

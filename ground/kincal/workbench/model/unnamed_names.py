@@ -8,6 +8,11 @@ from dataclasses import dataclass
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.names import UNNAMED
 
+TOOL_AXES = ("tool_x", "tool_y", "tool_z")
+ORIENTATION, GRAVITY = "orientation", "gravity"
+OF_ORIENTATION = frozenset((ORIENTATION, *TOOL_AXES, GRAVITY))
+"""Drivers of the map that are the orientation of the tool."""
+
 _HELD_BY = {"range": "camera translation", "tag tilt": "tag rotation"}
 _NAME = re.compile(rf"{UNNAMED}\[(?P<place>[^:\[\]]+):(?P<drivers>[^:\[\]]+)\]")
 
@@ -40,6 +45,11 @@ class UnnamedName:
     def of_time(self) -> bool:
         """Whether the function has no value for poses that are yet to come."""
         return bool({"order", "t"} & set(self.drivers))
+
+    @property
+    def of_orientation(self) -> bool:
+        """Whether the function is one of the tool's orientation, for which terms have no variables."""
+        return not OF_ORIENTATION.isdisjoint(self.drivers)
 
     def __str__(self) -> str:
         return f"{UNNAMED}[{self.place}: {', '.join(self.drivers)}]"

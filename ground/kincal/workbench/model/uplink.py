@@ -99,6 +99,7 @@ def term_table(
     effects."""
     limits = library("flight").lib
     _refuse_points(hypotheses)
+    _refuse_moves(hypotheses)
     if arm.n > limits.KC_JOINT_MAX:
         raise BadInput(
             f"{arm.name} has {arm.n} joints; flight carries {limits.KC_JOINT_MAX}",
@@ -282,6 +283,16 @@ def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:
             todo=f"leave them out with {_drops(names)}: the effects of the arm stay. If flight has this very "
             "camera and these tags, diagnose again without `[target]` in the arm table: most of these "
             "effects then have terms that fly",
+        )
+
+
+def _refuse_moves(hypotheses: Sequence[Hypothesis]) -> None:
+    """BadInput for effects of the last move: flight observes an arm at rest."""
+    if names := [h.name for h in hypotheses if h.follows("move")]:
+        follow = "follows" if len(names) == 1 else "follow"
+        raise BadInput(
+            f"{', '.join(names)} {follow} the last move, and flight waits until the arm is at rest",
+            todo=f"leave out what these measurements had because they did not wait: {_drops(names)}",
         )
 
 

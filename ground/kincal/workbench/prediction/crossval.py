@@ -41,11 +41,13 @@ def stretches(data: Measurements, count: int) -> NDArray[np.int_]:
     return stretch
 
 
-def predicted(fit: Fit, fold: Indices) -> Array:
+def predicted(fit: Fit, fold: Indices, beside: Array | None = None) -> Array:
     """(N, c) residuals [m, rad] of the poses of a fit, each fold (N,) predicted by the others: linear at the
-    fit, with its weights and priors."""
+    fit, with its weights and priors. beside: whitened columns (N c, m) of an effect that the model lacks."""
     n, c = fit.evaluation.r.shape
     a = fit.J * fit.sigma_prior / fit.scale
+    if beside is not None:
+        a = np.hstack([a, beside * (_WIDTH / fit.scale)])
     y = (fit.z + fit.J @ fit.estimate) / fit.scale
     root, fold = np.repeat(np.sqrt(fit.weight), c), np.repeat(fold, c)
     left = np.zeros(n * c)

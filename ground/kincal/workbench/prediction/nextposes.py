@@ -185,9 +185,12 @@ def _drawn(fit: Fit, rng: np.random.Generator, count: int) -> Measurements:
     between = np.clip(a + rng.uniform(0.0, 1.0, (count, 1)) * (b - a), low, high)
     q = np.where(rng.random((count, 1)) < 0.5, between, rng.uniform(low, high, (count, arm.n)))
     direction = None if data.direction is None else rng.choice([-1.0, 1.0], (count, arm.n))
+    # as long as they usually are: nobody knows from which pose the arm will come
+    usual = None if data.move is None else np.sqrt((data.move**2).mean(axis=0))
+    move = None if usual is None or direction is None else direction * usual
     ids = tuple(f"next{k + 1}" for k in range(count))
     like = data.take(rng.integers(0, data.n, count))
-    new = replace(like, q=q, direction=direction, ids=ids, split=None, replicate=None)
+    new = replace(like, q=q, direction=direction, move=move, ids=ids, split=None, replicate=None)
     return _aimed(fit, new) if data.has("cam") else new
 
 

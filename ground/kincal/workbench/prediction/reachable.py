@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..data.measurements import Measurements
-from ..evidence.unnamed import drivers, locations
+from ..evidence.unnamed import drivers, locations, oriented
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit, rms
 from ..numerics.types import Array, Indices, array
@@ -233,15 +233,19 @@ class _Functions:
 
 
 def _places(columns: Columns) -> Iterator[_Functions]:
-    """The map's cells of one driver, and at joints waves and smooth functions of two angles; then smooth
-    functions of many variables: errors of all joints, of the base and of the tool."""
-    singles = {driver.name: driver.features for driver in drivers(columns)}
+    """The map's cells of one driver that a pose has by itself, and at joints waves and smooth functions of
+    two angles; then smooth functions of many variables: errors of all joints, of the base and of the tool."""
+    singles = {driver.name: driver.features for driver in drivers(columns) if not driver.is_move}
     none, pairs, many = (
         _Kernels.of(kernels, columns.n) for kernels in ({}, _pair_kernels(columns), _kernels(columns))
     )
-    for place in locations(columns):
+    places = {place.name: place for place in locations(columns)}
+    by_orientation = {place.name: (place, by) for place, by in oriented(columns)}
+    for place in (places | {name: place for name, (place, _) in by_orientation.items()}).values():
         seen = (place.rows**2).sum(axis=(1, 2))
-        features = {name: x for name, x in singles.items() if (seen @ x**2).any()}
+        _, by = by_orientation.get(place.name, (place, []))
+        may_follow = (singles if place.name in places else {}) | {d.name: d.features for d in by}
+        features = {name: x for name, x in may_follow.items() if (seen @ x**2).any()}
         if place.name.startswith("joint"):
             waves = _ripples(columns, int(place.name.split()[1]))
             yield _Functions(place.name, place.rows, features | waves, pairs)

@@ -119,6 +119,11 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     change = d.advised
+    if d.novel is not None and d.novel.found and UnnamedName.parse(d.novel.name).of_orientation:
+        yield Step(
+            f"{explain.FOLLOWS_ORIENTATION}; {explain.NO_TERM}",
+            _kincal("compare", *inputs.sources, *inputs.diagnosed),
+        )
     smooth = [] if d.novel is None or d.exhausted else [*_smooth(d.novel, inputs)]
     if change.removed:
         yield Step(
@@ -144,6 +149,8 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 def _smooth(u: UnnamedFinding, inputs: Inputs) -> Iterator[Step]:
     """What follows time is added by its name: `unnamed` alone adds what predicts poses to come."""
     words = (*inputs.written, *inputs.library, *inputs.sources)
+    if UnnamedName.parse(u.name).of_orientation:
+        return
     if UnnamedName.parse(u.name).of_time and u.curves and u.held.gains:
         yield Step(
             "add a smooth function of time: it describes these poses, but cannot predict later ones; look "

@@ -34,7 +34,9 @@ def _pos_rot(position_m: float | None, rotation_rad: float | None) -> Json:
 
 
 def _floor(floor: NoiseFloor) -> Json:
-    return {**_pos_rot(floor.pos_m, floor.rot_rad), "source": floor.source}
+    found = floor.approached
+    approached = None if found is None else {"by": found.by, "p_value": found.p_value}
+    return {**_pos_rot(floor.pos_m, floor.rot_rad), "source": floor.source, "approached": approached}
 
 
 def _reachable(c: Comparison) -> Json | None:
@@ -42,7 +44,11 @@ def _reachable(c: Comparison) -> Json | None:
     if r is None:
         return None
     usual = _pos_rot(*r.errors_without(c.outliers.ids))
-    return {**_pos_rot(r.pos_m, r.rot_rad), "without_outliers": usual, "by": explain.reachable_by(r)}
+    return {
+        **_pos_rot(r.pos_m, r.rot_rad),
+        "without_outliers": usual,
+        "by": explain.reachable_by(r, c.p_structure),
+    }
 
 
 def _where(found: Sequence[Where]) -> list[Json]:
@@ -258,6 +264,7 @@ def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
         *_error_lines(c),
         f"reachable          {_reachable_text(c)}",
         f"noise floor        {_floor_text(c.noise_floor)}",
+        *([f"replicates         {differ}"] if (differ := explain.approached(c.noise_floor)) else []),
         *design_lines(c),
         f"chi2 / dof         {c.chi2_per_dof:.3f} {_unit_of_chi2(c)}",
         f"lack of fit        {p_text}",
@@ -313,7 +320,7 @@ def _reachable_text(c: Comparison) -> str:
     if r is None:
         return "unknown (no poses are held out)"
     without = explain.reachable_without(r, c.outliers)
-    return f"{_text(r.pos_m, r.rot_rad)} ({without}{explain.reachable_by(r)})"
+    return f"{_text(r.pos_m, r.rot_rad)} ({without}{explain.reachable_by(r, c.p_structure)})"
 
 
 def _rest_lines(c: Comparison) -> list[str]:
@@ -322,7 +329,7 @@ def _rest_lines(c: Comparison) -> list[str]:
     return [
         "where the residual comes from (share of it, p-value):",
         *[
-            f"  {explain.in_words(w.variable):<38}at {w.at:<18}{w.share_of_variance:7.1%}"
+            f"  {explain.in_words(w.variable):<38}at {w.at:<20}{w.share_of_variance:7.1%}"
             f"   p = {w.p_value:.2g}"
             for w in c.where[:6]
         ],
@@ -378,6 +385,7 @@ def fit_text(f: FitResult) -> str:
             *explain.not_recommended(f.nested),
             *map(explain.no_gain, f.nested.no_gain),
             *explain.of_session(f.fit),
+            *explain.of_order(f.fit),
             "",
             f"{'coefficient':<34}{'value':>12}{'std err':>12}  unit",
             *(_coefficient(*row) for row in coefficients),

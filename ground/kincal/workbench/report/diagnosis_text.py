@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from ..diagnosis import Diagnosis, EffectFinding, UnnamedFinding
 from ..model.hypotheses import Untestable
+from ..model.unnamed_names import UnnamedName
 from ..prediction.nextposes import NextPose
 from . import explain
 from .advice import Step
@@ -75,10 +77,16 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
     return [
         f"not in the library: {explain.unnamed(u)} "
         f'({explain.probability(u.probability)} against "nothing missing" and every named effect)',
-        *([f'      a smooth function there, "{u.name}": {explain.held_gain(u.held)}'] if u.curves else []),
+        *([f'      a smooth function there, "{u.name}": {explain.smooth_gain(u)}'] if _modelled(u) else []),
+        *([f"      {explain.FOLLOWS_ORIENTATION}"] if UnnamedName.parse(u.name).of_orientation else []),
         *([] if u.found else [f"      {explain.MAY_BE_NOISE}"]),
         *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
     ]
+
+
+def _modelled(u: UnnamedFinding) -> bool:
+    """Something is known of its function: its curves, or, of one that no term can hold, what it predicts."""
+    return bool(u.curves) or (UnnamedName.parse(u.name).of_orientation and math.isfinite(u.held.after_m))
 
 
 def _details(d: Diagnosis) -> Iterator[str]:

@@ -10,11 +10,12 @@ from ..data.direction import in_random_order
 from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from ..diagnosis.suggestions import Suggestion
-from ..evidence.adequacy import REPLICATES, STRUCTURE_P, UNKNOWN, Outliers, TurnedFrame
+from ..evidence.adequacy import REPLICATES, STRUCTURE_P, UNKNOWN, NoiseFloor, Outliers, TurnedFrame
 from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
+from ..model.unnamed_names import UnnamedName
 from ..prediction.gain import judged, much_worse
 from ..prediction.nested import EffectGain, NestedModels
 from ..prediction.nextposes import NextPose, poses_to_decide
@@ -40,9 +41,19 @@ _DRIVERS = {
     "sx": "tool position x",
     "sy": "tool position y",
     "sz": "tool position z",
+    "orientation": "tool orientation",
+    "tool_x": "direction of the tool's x axis",
+    "tool_y": "direction of the tool's y axis",
+    "tool_z": "direction of the tool's z axis",
+    "gravity": "gravity in the tool frame",
 }
-_JOINT_DRIVERS = {"tau": "gravity torque", "dir": "approach direction", "qdot": "velocity"}
-_NO_ARTICLE = ("time", "temperature", "tool position")  # of what is said of them in words
+_JOINT_DRIVERS = {
+    "tau": "gravity torque",
+    "dir": "approach direction",
+    "move": "last move",
+    "qdot": "velocity",
+}
+_NO_ARTICLE = ("time", "temperature", "tool position", "gravity in")  # of what is said of them in words
 _SLOW = {"t", "order", "temp"}  # what only these change drifts
 _AT = {
     "base rotation": "base orientation",
@@ -53,6 +64,7 @@ _AT = {
     "camera translation": "camera position",
     "tag rotation": "tag orientation",
     "tag tilt": "measured tilt of the tag",
+    "measured orientation": "measured orientation",
     "range": "measured range",
 }
 _BLOCKS = {
@@ -151,6 +163,16 @@ def held_gain(gain: HeldGain) -> str:
     )
 
 
+def smooth_gain(u: UnnamedFinding) -> str:
+    """What poses that were not fitted say of the function of something unnamed. One of the tool's orientation
+    may concern the rotations alone: both errors are said, and no judgement on positions."""
+    gain = u.held
+    if not UnnamedName.parse(u.name).of_orientation or not math.isfinite(gain.after_m):
+        return held_gain(gain)
+    turned = "" if gain.rotation is None else f", rotation error times {gain.rotation:.3f}"
+    return f"cross-validated error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm{turned}"
+
+
 def probability(p: float) -> str:
     """A probability that never claims to be 0 or 1."""
     if p < 0.01:
@@ -236,6 +258,18 @@ def of_session(fit: Fit) -> list[str]:
     return [f"{listed(names)} {be} valid for this session only: other data are predicted without {them}"]
 
 
+def of_order(fit: Fit) -> list[str]:
+    """Effects that no single pose shows; empty where there are none."""
+    names = [h.name for h in fit.hypotheses if h.follows("move")]
+    if not names:
+        return []
+    depend, them = ("depend", "them") if len(names) > 1 else ("depends", "it")
+    return [
+        f"{listed(names)} {depend} on the pose before: only poses in the order of measurement can be "
+        f"predicted with {them}; an arm that waits until it is at rest does not have {them}"
+    ]
+
+
 _MOST_POSES = 1000  # more is no advice
 _FAR_BELOW = 0.05  # of the known noise: no fit leaves so little
 
@@ -316,6 +350,22 @@ def left_over(c: Comparison) -> str:
     return f"{text}; {share} of it varies with {variable} at {first.at}: structure, not noise"
 
 
+_APPROACHED = {
+    "direction": "differ by the side that joints came from: backlash shows in them",
+    "move": "differ by the length of the last move: the arm was not at rest, or creeps",
+    "visit": "of every other visit differ, as if joints came from another side: record it as dir1..",
+}
+
+
+def approached(floor: NoiseFloor) -> str:
+    """How replicates differ by the way the arm came to them; empty if they do not."""
+    found = floor.approached
+    if found is None:
+        return ""
+    without = "; the noise floor is without that part" if floor.source == REPLICATES else ""
+    return f"{_APPROACHED[found.by]} (p = {found.p_value:.3g}){without}"
+
+
 def unseen(c: Comparison) -> str:
     """Whether poses that the file keeps back are predicted as well as the noise allows; empty if it keeps
     none."""
@@ -366,10 +416,12 @@ def turned_frame(t: TurnedFrame) -> str:
     )
 
 
-def reachable_by(r: Reachable) -> str:
+def reachable_by(r: Reachable, p_structure: float) -> str:
     """From what the reachable error was predicted, or why it is that of the model."""
     if not r.enough:
         return "too few poses to tell"
+    if not r.parts and p_structure <= STRUCTURE_P:
+        return "Gaussian process regression on all recorded variables at once predicts none of it"
     if not r.parts:
         return "the residual depends on no recorded variable"
     parts = ", ".join(f"{place} vs {in_words(variable)}" for place, variable in r.parts)
@@ -507,6 +559,15 @@ def _held_fall(d: Diagnosis) -> str:
     verb = "falls" if after < before else "changes"
     return f"the {what} {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
 
+
+FOLLOWS_ORIENTATION = (
+    "the error follows the orientation of the tool as the sensor sees it: look at the target and its "
+    "calibration, at the sensor's line of sight, and at a tool that bends"
+)
+"""Of a function of the tool's orientation: what may be its cause."""
+
+NO_TERM = "no term of a model can follow it, and functions of the joints would only stand for it"
+"""Of such a function: why it is not added."""
 
 MAY_BE_NOISE = (
     "poses that were not fitted do not confirm it: larger noise at this location (of an encoder, say) looks "

@@ -79,9 +79,11 @@ def reachable_number(c: Comparison, outliers: Outliers | None = None) -> BigNumb
     if found is None:
         return BigNumber("reachable", None, None, "no poses are held out")
     if not found.enough:
-        return BigNumber("reachable", None, None, explain.reachable_by(found))
+        return BigNumber("reachable", None, None, explain.reachable_by(found, c.p_structure))
     without = explain.reachable_without(found, outliers or c.outliers)
-    return BigNumber("reachable", found.pos_m, found.rot_rad, without + explain.reachable_by(found))
+    return BigNumber(
+        "reachable", found.pos_m, found.rot_rad, without + explain.reachable_by(found, c.p_structure)
+    )
 
 
 def _floor(c: Comparison) -> BigNumber:

@@ -17,7 +17,7 @@ from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal_shared.schema.names import COMPONENTS, VARIABLES
 from kincal_shared.schema.terms import Basis
 
-from ..evidence.unnamed import Location, locations
+from ..evidence.unnamed import Location, locations, oriented
 from ..evidence.variables import variable_values
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit
@@ -223,7 +223,8 @@ def place_panels(fit: Fit, place: str, drivers: Sequence[str]) -> tuple[Panel, .
     """What a fit leaves at a place of the location x driver map against one or two drivers: one panel for
     each axis of the place, those with the largest motion first."""
     columns = Columns(fit)
-    where = next(location for location in locations(columns) if location.name == place)
+    places = (*locations(columns), *(location for location, _ in oriented(columns)))
+    where = next(location for location in places if location.name == place)
     x = variable_values(drivers[0], fit)
     second = (drivers[1], variable_values(drivers[1], fit)) if len(drivers) > 1 else None
     panels = (

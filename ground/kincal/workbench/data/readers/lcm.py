@@ -133,6 +133,6 @@ def _covariance(rows: Sequence[Meas]) -> Array:
 
 
 def _tag_share(m: Meas) -> float:
-    """0 first tag only, 1 second only, 0.5 both (kc_terms.h KC_VAR_TAG); tags in ascending order of id."""
+    """0 first tag only, 1 second only, 0.5 both (KC_VAR_TAG); tags in ascending order of id."""
     seen = [tag for tag in m.tag_id[: m.n_tags] if tag >= 0]
     return 0.5 if len(seen) != 1 else float(seen[0] != 0)

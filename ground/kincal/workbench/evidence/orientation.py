@@ -1,0 +1,81 @@
+"""The orientation of the tool as a driver of errors: of a sensor, of its target, of a tool that bends.
+
+Joint angles determine the orientation only all together, and angles of the tool wrap: the drivers are
+components of unit vectors, which are smooth and have one value each. They are taken where the model expects
+the tool, since the measured orientation carries the noise of the residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from kincal.rotations import matrix_of_wxyz
+
+from ..fit.columns import Columns
+from ..model.unnamed_names import GRAVITY, ORIENTATION, TOOL_AXES
+from ..numerics.types import Array, array
+
+_LEAST_SPREAD = 1e-3  # of the components of a unit vector: less is no turn
+_SECOND = 0.5  # size of the second degree of a function relative to the first one: it is smooth
+
+
+def orientation_features(columns: Columns) -> Iterator[tuple[str, Array]]:
+    """(name, (N, k) centred features) of each driver that varies.
+
+    ORIENTATION: in proportion to the nine components of the tool's axes as the sensor sees them, in the frame
+    of the camera or else of the base; TOOL_AXES: the direction of one of these axes, to the second degree;
+    GRAVITY: its direction in the frame of the tool, to the second degree.
+    """
+    tool = _tool(columns)
+    axes, gravity = _axes(columns, tool), _gravity(columns, tool)
+    every = axes.reshape(-1, 9)
+    if _varies(every):
+        yield ORIENTATION, _centred(every)
+    for name, direction in zip((*TOOL_AXES, GRAVITY), (*axes.transpose(2, 0, 1), gravity), strict=True):
+        if _varies(direction):
+            yield name, _centred(_to_second_degree(direction))
+
+
+def z_component(driver: str, columns: Columns) -> Array:
+    """(N,) of the direction that a driver is, to plot against; of all axes, that of the tool's z axis."""
+    tool = _tool(columns)
+    if driver == GRAVITY:
+        return array(_gravity(columns, tool)[:, 2])
+    axis = TOOL_AXES.index(driver) if driver in TOOL_AXES else 2
+    return array(_axes(columns, tool)[:, 2, axis])
+
+
+def _axes(columns: Columns, tool: Array) -> Array:
+    """(N, 3, 3) axes of the tool, as columns, in the frame of the camera or else of the base."""
+    camera = columns.fit.data.cam_quat_wxyz
+    return tool if camera is None else array(matrix_of_wxyz(camera).transpose(0, 2, 1) @ tool)
+
+
+def _gravity(columns: Columns, tool: Array) -> Array:
+    """(N, 3) direction of gravity in the frame of the tool; 0 where there is none."""
+    fit = columns.fit
+    g = fit.data.g_m_s2 if fit.data.g_m_s2 is not None else np.array(fit.arm.gravity_m_s2, dtype=float)
+    size = np.maximum(np.linalg.norm(g, axis=-1, keepdims=True), 1e-9)
+    return array(np.einsum("nji,...j->ni", tool, g / size))
+
+
+def _tool(columns: Columns) -> Array:
+    """(N, 3, 3) axes of the tool, as columns, where the model expects it."""
+    return columns.fit.model.poses(columns.fit.estimate).R
+
+
+def _varies(x: Array) -> bool:
+    return bool(x.std(axis=0).max() > _LEAST_SPREAD)
+
+
+def _centred(x: Array) -> Array:
+    return array(x - x.mean(axis=0))
+
+
+def _to_second_degree(direction: Array) -> Array:
+    """(N, 8) of unit vectors (N, 3): components, and the products that are orthogonal over the sphere."""
+    x, y, z = direction.T
+    second = [x * y, y * z, z * x, (x**2 - y**2) / 2.0, (3.0 * z**2 - 1.0) / np.sqrt(12.0)]
+    return np.column_stack([direction, _SECOND * np.sqrt(3.0) * np.array(second).T])
