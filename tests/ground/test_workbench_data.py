@@ -131,6 +131,24 @@ def test_unknown_frames_are_found_without_a_first_guess(with_rotation):
         np.testing.assert_allclose(got_tool.p_m, tool.p_m, atol=1e-6)
 
 
+@pytest.mark.parametrize(("about_one_axis", "shared"), [(False, 6), (True, 3)])
+def test_unknown_frames_of_poses_that_hardly_turn_are_found_by_their_positions(about_one_axis, shared):
+    """A gripper that always points down: the arm table passed for one of another arm."""
+    rng = np.random.default_rng(8)
+    turn = rng.uniform(-1.5, 1.5, (40, 1)) * [0.0, 0.0, 1.0] if about_one_axis else 0.0
+    orientation = Rotation.from_rotvec(turn + 0.005 * rng.normal(size=(40, 3))).as_matrix()
+    chain = Pose(rng.uniform(-0.5, 0.5, (40, 3)), orientation)
+    base, tool = (Pose.of_wxyz(rng.uniform(-1, 1, 3), rng.normal(size=4)) for _ in range(2))
+    seen = base @ chain @ tool
+    got_base, got_tool = solve_frames(chain, seen.p_m, seen.R, None, None)
+    left = got_base @ chain @ got_tool
+    np.testing.assert_allclose(left.p_m, seen.p_m, atol=1e-9)
+    np.testing.assert_allclose(left.R, seen.R, atol=1e-9)
+    with pytest.raises(wb.CannotAnswer, match=f"{shared} poses that hardly turn"):
+        few = Pose(chain.p_m[:shared], chain.R[:1].repeat(shared, axis=0))
+        solve_frames(few, seen.p_m[:shared], few.R, None, None)
+
+
 def test_unknown_frames_of_noisy_positions_are_those_of_least_error():
     """Oracle: scipy's least squares over both frames, started beside what was found."""
     rng = np.random.default_rng(10)

@@ -23,6 +23,7 @@ _SEARCH = 3000  # rotations tried; the mean gap is about 15 degrees, well inside
 _REFINED = 12  # the best of them, refined
 _STEPS, _STEP_RAD, _DAMPING = 100, 1e-12, 1e-3  # of each; it ends at a step below _STEP_RAD
 _GENERATORS = -np.array(np.cross(np.eye(3)[:, None], np.eye(3)[None]))  # of rotations about x, y, z
+_FEWEST_POSITIONS = 7  # that determine both frames
 _SAME_TURNS = 0.999  # ratio of singular values from which on the poses turn too little
 
 
@@ -48,7 +49,7 @@ def solve_frames(
 
 
 def _check_number(n: int, rotations: bool, both: bool) -> None:
-    need = 3 if rotations else (7 if both else 4)
+    need = 3 if rotations else (_FEWEST_POSITIONS if both else 4)
     if n < need:
         frames = "base and tool frames" if both else "base or tool frame"
         raise CannotAnswer(
@@ -65,14 +66,22 @@ def _mean(frames: Pose) -> Pose:
 
 def _robot_world_hand_eye(chain: Pose, measured: Pose) -> tuple[Pose, Pose]:
     """R_meas = R_B R_A R_X  <=>  R_B^T R_meas = R_A R_X; K = sum R_A^T (x) R_meas^T has the pair
-    (vec R_B, vec R_X^T) as leading singular vectors (Shah 2013, eq. 11-14), vec column-major."""
+    (vec R_B, vec R_X^T) as leading singular vectors (Shah 2013, eq. 11-14), vec column-major. Where the
+    orientation hardly changes, or turns about one axis only, the positions determine R_B."""
     k = np.einsum("nji,nlk->ikjl", chain.R, measured.R).reshape(9, 9)
     u, s, vt = np.linalg.svd(k)
     if s[1] > _SAME_TURNS * s[0]:
-        raise CannotAnswer("the poses turn too little to tell the base frame from the tool frame")
-    r_b, r_xt = vt[0].reshape(3, 3, order="F"), u[:, 0].reshape(3, 3, order="F")
-    sign = 1.0 if np.linalg.det(r_b) > 0 else -1.0
-    r_b, r_x = nearest_rotation(sign * r_b), nearest_rotation(sign * r_xt).T
+        if len(measured.p_m) < _FEWEST_POSITIONS:
+            raise CannotAnswer(
+                f"{len(measured.p_m)} poses that hardly turn cannot tell the base frame from the tool frame",
+                todo=f"measure poses of other orientations, or at least {_FEWEST_POSITIONS} poses",
+            )
+        r_b = _RotationSearch.of(chain, measured.p_m).best()
+        r_x = Rotation.from_matrix(np.swapaxes(r_b @ chain.R, 1, 2) @ measured.R).mean().as_matrix()
+    else:
+        r_b, r_xt = vt[0].reshape(3, 3, order="F"), u[:, 0].reshape(3, 3, order="F")
+        sign = 1.0 if np.linalg.det(r_b) > 0 else -1.0
+        r_b, r_x = nearest_rotation(sign * r_b), nearest_rotation(sign * r_xt).T
     # p = R_B (R_A t_X + t_A) + t_B: linear in t_X and t_B
     turned = r_b @ chain.R
     rhs = (measured.p_m - chain.p_m @ r_b.T).ravel()
