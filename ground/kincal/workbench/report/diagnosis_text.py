@@ -47,8 +47,12 @@ def _found(d: Diagnosis) -> Iterator[str]:
     yield from ("", f'what may be missing ("nothing missing": {nothing} against all of these):')
     if d.novel is not None:
         yield from _unnamed_lines(d.novel)
+    inspected = {""}
     for e in d.effects:
         yield from _effect_lines(e, d)
+        if e.inspect not in inspected and (explain.is_shown(e) or explain.is_confounded(e)):
+            inspected.add(e.inspect)
+            yield f"      inspect: {e.inspect}"
     if d.effects:
         yield from (
             "  * added and shown to help: poses that were not fitted are predicted better, and P, where",
@@ -69,7 +73,6 @@ def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
         f"{_mark(e)} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),
         *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
         *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),
-        *([f"      inspect: {e.inspect}"] if explain.is_confounded(e) and e.inspect else []),
     ]
 
 
