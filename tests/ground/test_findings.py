@@ -383,6 +383,10 @@ def test_too_few_poses_give_no_reachable_number_and_a_beaten_black_box_says_so(f
     assert (few.text, few.about) == ("unknown", "too few poses to tell")
     vars(c)["reachable"] = Reachable(2.0 * c.rms["held"][0], None, 1.0)
     assert headline.big_numbers(c, found.d)[3].about.endswith("; the findings do better")
+    vars(c)["reachable"] = replace(c.reachable, rot_rad=1e-9)
+    errors = tuple(replace(e, rot_rad=1e-3) for e in found.d.advised.errors)
+    d = replace(found.d, advised=replace(found.d.advised, errors=errors))
+    assert "do better" not in headline.big_numbers(c, d)[3].about
     assert "better" not in headline.reachable_number(c).about
 
 

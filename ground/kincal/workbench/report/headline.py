@@ -43,10 +43,18 @@ def big_numbers(c: Comparison, d: Diagnosis | None = None, *, each: bool = False
     """Errors of the nominal arm, after DH calibration and with the findings of a diagnosis (each: one after
     another), what is reachable, noise floor."""
     errors = list(_errors(c, d, each))
-    black_box, best = reachable_number(c, None if d is None else d.outliers), errors[-1].pos_m
-    if d is not None and black_box.pos_m is not None and best is not None and best < black_box.pos_m:
+    black_box = reachable_number(c, None if d is None else d.outliers)
+    if d is not None and _less(errors[-1], black_box):
         black_box = replace(black_box, about=f"{black_box.about}; the findings do better")
     return *errors, black_box, _floor(c)
+
+
+def _less(one: BigNumber, other: BigNumber) -> bool:
+    """A smaller position error, and no larger rotation error where both have one."""
+    if one.pos_m is None or other.pos_m is None:
+        return False
+    turned = one.rot_rad is not None and other.rot_rad is not None and one.rot_rad > other.rot_rad
+    return one.pos_m < other.pos_m and not turned
 
 
 def _errors(c: Comparison, d: Diagnosis | None, each: bool) -> Iterator[BigNumber]:
