@@ -89,6 +89,16 @@ def test_drivers_are_components_of_the_axes_where_the_model_expects_the_tool(arm
     assert correlation(z_component("gravity", columns), axes[:, 2, 2]) > 0.9999
 
 
+def test_gravity_may_come_from_another_side_at_every_pose(arm, measured):
+    """As a lander that stands on a slope records it, or an arm that is tilted between poses."""
+    g = np.random.default_rng(5).normal(size=(measured.n, 3))
+    columns = Columns(fit_model(arm, replace(measured, g_m_s2=9.81 * g)))
+    x = dict(orientation_features(columns))["gravity"]
+    down = Rotation.from_quat(measured.quat_wxyz, scalar_first=True).apply(g, inverse=True)
+    down /= np.linalg.norm(g, axis=1)[:, None]
+    assert all(correlation(x[:, k], down[:, k]) > 0.9999 for k in range(3))
+
+
 def test_second_degree_of_a_direction_is_orthogonal_over_the_sphere():
     direction = np.random.default_rng(1).normal(size=(200_000, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

@@ -57,8 +57,8 @@ def _gravity(columns: Columns, tool: Array) -> Array:
     """(N, 3) direction of gravity in the frame of the tool; 0 where there is none."""
     fit = columns.fit
     g = fit.data.g_m_s2 if fit.data.g_m_s2 is not None else np.array(fit.arm.gravity_m_s2, dtype=float)
-    size = np.maximum(np.linalg.norm(g, axis=-1, keepdims=True), 1e-9)
-    return array(np.einsum("nji,...j->ni", tool, g / size))
+    down = np.broadcast_to(g / np.maximum(np.linalg.norm(g, axis=-1, keepdims=True), 1e-9), (len(tool), 3))
+    return array(np.einsum("nji,nj->ni", tool, down))
 
 
 def _tool(columns: Columns) -> Array:
