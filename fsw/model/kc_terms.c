@@ -28,7 +28,7 @@ static bool index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
     case KC_INDEX_LINK: return index <= n_joints;
     case KC_INDEX_LEVER: return lever_ok(KC_LEVER_LINK(index), KC_LEVER_BODY(index), n_joints);
     case KC_INDEX_COLUMN: return one_of(index, KC_PNP_MAX);
-    case KC_INDEX_MOVE: return one_of(index, KC_MOVE_MAX) && one_of(index, n_joints);
+    case KC_INDEX_MOVE: return one_of(index, KC_MOVE_MAX);
     default: return index == 0u;
     }
 }

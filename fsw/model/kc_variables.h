@@ -15,7 +15,7 @@ typedef enum {
     KC_INDEX_LINK = 2,   /* link 0 .. n, 0: the whole arm about frame 0 */
     KC_INDEX_LEVER = 3,  /* KC_LEVER_INDEX(link, body) */
     KC_INDEX_COLUMN = 4, /* column 1 .. KC_PNP_MAX of a PnP pose */
-    KC_INDEX_MOVE = 5    /* joint 1 .. n, up to KC_MOVE_MAX */
+    KC_INDEX_MOVE = 5    /* joint 1 .. KC_MOVE_MAX */
 } kc_var_index_t;
 
 /* What a variable is computed from. POINTS: twist of a PnP pose per unit of a fault of camera or target; the ground

@@ -18,6 +18,7 @@ HALF_M = 0.16
 BOARD = np.array(
     [(x, y, 0.0) for x in np.linspace(-HALF_M, HALF_M, 7) for y in np.linspace(-HALF_M, HALF_M, 7)]
 )
+NO_ERROR = np.zeros((7, 4))
 BOARD_M = np.array([0.62, 0.0, 0.0])  # of the fixed board in the base frame
 START = np.array([0.0, 0.35, 0.0, 2.0, 0.0, 0.7, 0.0])
 STATED = "\n".join(
@@ -70,11 +71,19 @@ def aimed(rng) -> np.ndarray | None:
     want = aim - away * R[:, 2]
 
     def gap(q):
-        got = poses.tool_pose(q, np.zeros((7, 4)))
+        got = poses.tool_pose(q, NO_ERROR)
         turn = Rotation.from_matrix(got[:3, :3].T @ R).as_rotvec()
         return np.r_[10.0 * (got[:3, 3] - want), turn, 0.02 * (q - START)]
 
-    q = least_squares(gap, START + rng.normal(0.0, 0.2, 7), ftol=1e-3, xtol=1e-3, max_nfev=60).x
+    def slope(q):
+        """Of the gap; of its turn as of a small one."""
+        *joints, got = poses.frames(q, NO_ERROR)
+        axes, places = (np.array([T[:3, k] for T in joints[:7]]) for k in (2, 3))
+        moves = 10.0 * np.cross(axes, got[:3, 3] - places)
+        return np.vstack([moves.T, -got[:3, :3].T @ axes.T, 0.02 * np.eye(7)])
+
+    start = START + rng.normal(0.0, 0.2, 7)
+    q = least_squares(gap, start, slope, ftol=1e-3, xtol=1e-3, max_nfev=60).x
     low, high = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
     return q if np.abs(gap(q)[:6]).max() < 0.1 and np.all((q > low) & (q < high)) else None
 

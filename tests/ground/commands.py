@@ -9,9 +9,21 @@ FIGURES = ("found-1", "models", "posterior", "suspects", "map", "vectors", "vari
            "confounding", "harm")  # fmt: skip
 
 
-def shell(*args):
+def shell(*args, env=None):
     """Result of a command of `kincal`, whatever it ends with."""
-    return CliRunner().invoke(main, [*map(str, args)])
+    return CliRunner().invoke(main, [*map(str, args)], env=env)
+
+
+def good(*args, env=None):
+    """Result of a command of `kincal` that ends well."""
+    done = shell(*args, env=env)
+    assert done.exit_code == 0, done.output
+    return done
+
+
+def text_of(done):
+    """Words of its output, without line ends."""
+    return " ".join(done.output.split())
 
 
 def kincal(*args):

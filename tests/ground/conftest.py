@@ -4,18 +4,16 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import poses
 import pytest
 from environments import environment, run
+from places import BIN, ROOT
 
 from kincal import review
 from kincal import workbench as wb
 from kincal_shared import keys
 from kincal_shared.installation import EXTRAS
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="session")
@@ -85,7 +83,7 @@ def geometry():
     """What the console draws, from the tables as shipped."""
     from kincal.console.geometry import Geometry  # its packages are an extra
 
-    return Geometry(ROOT / "tables" / "bin")
+    return Geometry(BIN)
 
 
 @pytest.fixture
@@ -112,4 +110,4 @@ def signer(key_file):
 @pytest.fixture(scope="session")
 def names():
     """Of the coefficients of the tables as shipped."""
-    return review.coef_names(ROOT / "tables" / "bin")
+    return review.coef_names(BIN)

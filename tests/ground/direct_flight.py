@@ -2,11 +2,17 @@
 
 from collections import deque
 
-from samples import signed
+from samples import CRC, event, signed
 
 import kcm
+from kincal.api import operate
+from kincal.flight import library
 from kincal.link import CommandLink
 from kincal.link.connection import Received
+from kincal.review.decisions import Operator
+
+STATE = library("flight").enum("kc_state_t", "KC_ST_")
+EVENT = library("flight").enum("kc_event_id_t", "KC_EVT_")
 
 
 class DirectFlight(CommandLink):
@@ -71,3 +77,36 @@ class DirectFlight(CommandLink):
             part = image[offset : offset + 1024]
             m.n, m.data = len(part), part.ljust(1024, b"\0")
             self.answer("KC_TABLE_DOWN", m)
+
+
+class Lander(DirectFlight):
+    """Starts, aborts and rolls back; after a command `then` is called."""
+
+    then = staticmethod(lambda _opcode: None)
+
+    def __init__(self, signer=None, kin=CRC):
+        super().__init__(signer)
+        self.hk.boot_count, self.hk.table_crc = 3, [0, 1, 1, 1, signed(kin), 1, 1, 1]
+        self.hk.kin_prev_crc = 7
+
+    def publish(self, channel, message):
+        super().publish(channel, message)
+        opcode = message.opcode
+        if opcode not in self.ignores and opcode not in self.refuse:
+            if opcode == kcm.cmd_t.START:
+                self.hk.state = STATE["MOVE"]
+                self.answer("KC_EVENT", event(self.hk.t_us, 1, EVENT["CAL_START"], 1, 20.0, 4))
+            elif opcode == kcm.cmd_t.ABORT:
+                self.hk.state = STATE["SAFE"]
+            elif opcode == kcm.cmd_t.ROLLBACK:
+                self.hk.table_crc[4] = 7
+        self.then(opcode)
+
+
+def act(flight, request, journal, timeout_s=5.0):
+    """Outcome, steps and words of a command; the snapshot has heard flight before."""
+    said, steps, snapshot = [], [], operate.Snapshot()
+    operate.listen(flight, snapshot, 2.0, lambda s: s.hk is not None)
+    who = Operator("A. Operator", "because", journal, timeout_s, said.append)
+    done = operate.act(flight, request, who, snapshot, steps.append)
+    return done, [s.stage for s in steps], said

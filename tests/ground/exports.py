@@ -97,21 +97,15 @@ def random_data(arm, seed: int, count: int = 12, **columns):
     n = arm.n
     turns = Rotation.random(count, random_state=np.random.RandomState(seed))
     all_columns = {
-        "direction": rng.choice([-1.0, 1.0], (count, n)),
-        "qdot": rng.normal(0, 0.5, (count, n)),
-        "temp_c": rng.uniform(-10, 40, count),
-        "t_s": np.sort(rng.uniform(0, 3600, count)),
-        "payload_kg": rng.uniform(0, 5, count),
-        "g_m_s2": rng.normal([0, 0, -9.0], 1.0, (count, 3)),
-        "range_m": rng.uniform(0.5, 2, count),
-        "incid_rad": rng.uniform(0, 1.6, count),
-        "pan_rad": rng.uniform(-1, 1, count),
-        "tilt_rad": rng.uniform(-1, 1, count),
-        "tag": rng.choice([0.0, 0.5, 1.0], count),
-        "cam_p_m": rng.normal([0, 0, -2.5], 0.1, (count, 3)),
+        "direction": rng.choice([-1.0, 1.0], (count, n)), "qdot": rng.normal(0, 0.5, (count, n)),
+        "temp_c": rng.uniform(-10, 40, count), "t_s": np.sort(rng.uniform(0, 3600, count)),
+        "payload_kg": rng.uniform(0, 5, count), "g_m_s2": rng.normal([0, 0, -9.0], 1.0, (count, 3)),
+        "range_m": rng.uniform(0.5, 2, count), "incid_rad": rng.uniform(0, 1.6, count),
+        "pan_rad": rng.uniform(-1, 1, count), "tilt_rad": rng.uniform(-1, 1, count),
+        "tag": rng.choice([0.0, 0.5, 1.0], count), "cam_p_m": rng.normal([0, 0, -2.5], 0.1, (count, 3)),
         "cam_quat_wxyz": Rotation.from_rotvec(rng.normal(0, 0.2, (count, 3))).as_quat(scalar_first=True),
         "move": rng.normal(0, 1.0, (count, n)),
-    }
+    }  # fmt: skip
     kept = {k: v for k, v in all_columns.items() if columns.get(k, True)}
     return wb.Measurements(
         source="random", ids=tuple(map(str, range(count))), q=rng.uniform(low, high, (count, n)),

@@ -104,13 +104,8 @@ class FakeFlight:
             self.images[c.arg_i[0]] = self.staged[1]
         a = kcm.ack_t()
         a.t_us, a.source, a.seq, a.opcode, a.status, a.event_id = (
-            c.t_us,
-            c.source,
-            c.seq,
-            c.opcode,
-            status,
-            event if status else 0,
-        )
+            c.t_us, c.source, c.seq, c.opcode, status, event if status else 0,
+        )  # fmt: skip
         self._bus.publish("KC_ACK", a.encode())
         if c.opcode == c.TABLE_DUMP and not status:
             self._dump(c.arg_i[0])
@@ -121,10 +116,6 @@ class FakeFlight:
             part = image[offset : offset + 1024]
             m = kcm.table_chunk_t()
             m.kind, m.total_bytes, m.offset, m.n, m.data = (
-                kind,
-                len(image),
-                offset,
-                len(part),
-                part.ljust(1024, b"\0"),
-            )
+                kind, len(image), offset, len(part), part.ljust(1024, b"\0"),
+            )  # fmt: skip
             self._bus.publish("KC_TABLE_DOWN", m.encode())

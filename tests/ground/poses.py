@@ -7,6 +7,7 @@ import csv
 from pathlib import Path
 
 import numpy as np
+from places import BIN
 from scipy.spatial.transform import Rotation
 
 from kincal.flight import Arm, library
@@ -53,15 +54,20 @@ def link(a: float, alpha: float, d: float, theta: float) -> np.ndarray:
     return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
 
 
-def tool_pose(q: np.ndarray, dh_error: np.ndarray) -> np.ndarray:
-    """4x4 tool pose of the true arm; dh_error: (7, 4) of phi, alpha, a, d."""
-    out = np.eye(4)
-    out[2, 3] = BASE_Z_M
+def frames(q: np.ndarray, dh_error: np.ndarray) -> list[np.ndarray]:
+    """4x4 poses of the base, behind each joint and of the tool; dh_error: (7, 4) of phi, alpha, a, d."""
+    out = [np.eye(4)]
+    out[0][2, 3] = BASE_Z_M
     for (a, alpha, d, *_), angle, (dphi, dalpha, da, dd) in zip(WAM, q, dh_error, strict=True):
-        out = out @ link(a + da, alpha + dalpha, d + dd, angle + dphi)
+        out.append(out[-1] @ link(a + da, alpha + dalpha, d + dd, angle + dphi))
     tool = np.eye(4)
     tool[2, 3] = TOOL_Z_M
-    return out @ tool
+    return [*out, out[-1] @ tool]
+
+
+def tool_pose(q: np.ndarray, dh_error: np.ndarray) -> np.ndarray:
+    """4x4 tool pose of the true arm."""
+    return frames(q, dh_error)[-1]
 
 
 def look_from(points: np.ndarray) -> np.ndarray:
@@ -117,7 +123,7 @@ def poses_csv(path: Path, n: int, seed: int, true_q=None, *, dh_size: float = 3e
 
 def flown():
     """ARM and SPACE table that ship."""
-    return Flown.read(Path(__file__).resolve().parents[2] / "tables" / "bin")
+    return Flown.read(BIN)
 
 
 def flown_of(arm, verified):

@@ -1,16 +1,14 @@
 """Made-up telemetry and results of the right shape, for tests without a flight process."""
 
-from pathlib import Path
-
 import lcm
 import numpy as np
+from places import BIN
 
 import kcm
 from kincal.flight.tables import decode
 from kincal.results import CoefResult, Criterion, Curve, HeldOut, PoseLine, RunResult, Scene
 from kincal.review import kin_crc
 
-TABLES = Path(__file__).resolve().parents[2] / "tables" / "bin"
 CRC = 0xFEDCBA98  # does not fit a signed field: must survive the trip
 NAMES = [f"J{j}.{k}" for j in range(1, 8) for k in ("phi_rad", "alpha_rad", "a_m", "d_m")]
 
@@ -76,7 +74,7 @@ def shipped(p: kcm.proposal_t, values=None) -> kcm.proposal_t:
     """The same as a correction of the tables as shipped: with their CRCs and its own. values: of its
     coefficients, from the first."""
     for kind in ("arm", "terms"):
-        image = decode((TABLES / f"{kind}.tbl").read_bytes())[0]
+        image = decode((BIN / f"{kind}.tbl").read_bytes())[0]
         setattr(p, f"crc_{kind}", signed(image.crc))
     if values is not None:
         p.value = [*values, *[0.0] * (64 - len(values))]
@@ -95,12 +93,8 @@ def progress(pose: int, n_goal: int = 20) -> kcm.progress_t:
         2,
     )
     m.res_pos_m, m.res_rot_rad, m.f, m.pred_pos_m, m.pred_rot_rad = (
-        0.1 / (pose + 1),
-        0.2 / (pose + 1),
-        -0.5,
-        1e-3,
-        2e-3,
-    )
+        0.1 / (pose + 1), 0.2 / (pose + 1), -0.5, 1e-3, 2e-3,
+    )  # fmt: skip
     return m
 
 
@@ -126,16 +120,12 @@ def write_log(path, damage: bool = True, verdict: int = 1, waiting: kcm.proposal
     ack = kcm.ack_t()
     ack.status, ack.event_id = -8, 13
     records = [
-        ("KC_EVENT", event(500_000, 0, 1, 1, index=2)),
-        ("KC_CMD", kcm.cmd_t()),
-        ("KC_ACK", kcm.ack_t()),
-        ("KC_ACK", ack),
-        *[("KC_PROGRESS", progress(k)) for k in range(3)],
+        ("KC_EVENT", event(500_000, 0, 1, 1, index=2)), ("KC_CMD", kcm.cmd_t()), ("KC_ACK", kcm.ack_t()),
+        ("KC_ACK", ack), *[("KC_PROGRESS", progress(k)) for k in range(3)],
         ("KC_EVENT", event(3_500_000, 1, 64, 2, got=24.0, index=11)),
-        ("KC_EVENT", event(3_600_000, 2, 48, 0)),
-        ("KC_PROPOSAL", waiting or proposal(verdict)),
+        ("KC_EVENT", event(3_600_000, 2, 48, 0)), ("KC_PROPOSAL", waiting or proposal(verdict)),
         ("KC_HK", hk),
-    ]
+    ]  # fmt: skip
     for t, (channel, message) in enumerate(records):
         log.write_event(t, channel, message.encode())
     if damage:
@@ -153,23 +143,11 @@ def result(ok: bool = True) -> RunResult:
         held = 0.3 * np.exp(-np.linspace(0, 6, 20)) + 5e-4
         return tuple(
             PoseLine(
-                i + 1,
-                int(r.integers(300)),
-                2,
-                tuple(r.uniform([0.3, -0.5, 0.1], [0.9, 0.5, 0.9])),
-                held[i],
-                held[i],
-                -held[i],
-                -0.1,
-                0.1,
-                held[i] / 2,
-                held[i],
-                held[i],
-                2 * held[i],
-                -held[i],
+                i + 1, int(r.integers(300)), 2, tuple(r.uniform([0.3, -0.5, 0.1], [0.9, 0.5, 0.9])), held[i],
+                held[i], -held[i], -0.1, 0.1, held[i] / 2, held[i], held[i], 2 * held[i], -held[i],
             )
             for i in range(20)
-        )
+        )  # fmt: skip
 
     truth = {"J7.phi_rad": 1.3, "J2.alpha_rad": 0.4, "J3.a_m": 0.01, "J3.d_m": 0.15}
     coefs = []
@@ -181,12 +159,9 @@ def result(ok: bool = True) -> RunResult:
     arms = np.stack([np.zeros_like(tips), np.full_like(tips, 0.3), tips], axis=1)
     eye = np.array([-0.3, 0.45, 1.28])
     scene = Scene(
-        rng.uniform(0.2, 0.9, (50, 3)),
-        arms,
-        np.array([[-0.35, 0.45, 0], [-0.35, 0.45, 1.25]]),
-        eye,
+        rng.uniform(0.2, 0.9, (50, 3)), arms, np.array([[-0.35, 0.45, 0], [-0.35, 0.45, 1.25]]), eye,
         eye + np.array([[0.5, 0.3, -0.2], [0.5, -0.3, -0.2], [0.4, -0.3, -0.6], [0.4, 0.3, -0.6]]),
-    )
+    )  # fmt: skip
     return RunResult(
         "Made-up <run>", "paper", "fast", 1, "ucb", 20, poses, tuple(coefs), HeldOut(200, 0.288, 1.36),
         HeldOut(200, 5e-4, 1e-3), "change proposed", CRC, CRC, "approved", 28, 28, 0.5, 0.0, 1.0,

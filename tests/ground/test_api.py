@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import poses
 import pytest
+from commands import good
 from exports import drivers_at, python_module
 
 import kincal
@@ -170,15 +171,10 @@ def test_unnamed_effect_is_fitted_saved_and_exported(tmp_path):
 
 
 def test_saved_model_serves_the_commands(fitted, folder):
-    from click.testing import CliRunner
-
-    from kincal.cli import main
-
     fitted.save(folder / "M.toml")
     assert wb.read_model(folder / "M.toml").fit.data[0].path == str(folder / "poses.csv")
-    done = CliRunner().invoke(main, ["model", "export", "--model", str(folder / "M.toml"), "--format", "urdf",
-                                     "-o", str(folder / "o.urdf")])  # fmt: skip
-    assert done.exit_code == 0, done.output
+    words = ("--model", folder / "M.toml", "--format", "urdf", "-o", folder / "o.urdf")
+    good("model", "export", *words)
     joints = [line for line in (folder / "o.urdf").read_text().splitlines() if "<origin" in line]
     assert joints == [line for line in fitted.to_urdf().splitlines() if "<origin" in line]
 

@@ -6,13 +6,12 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import shell
 from scipy.spatial.transform import Rotation
 
 pinocchio = pytest.importorskip("pinocchio")
 
 from kincal.arms import arm_text, import_urdf, shipped  # noqa: E402
-from kincal.cli import main  # noqa: E402
 from kincal_shared.errors import BadInput, CannotAnswer  # noqa: E402
 from kincal_shared.schema.arm import read_arm  # noqa: E402
 
@@ -234,7 +233,7 @@ def test_every_shipped_arm_is_valid_and_cites_its_source():
 
 
 def run(*args):
-    return CliRunner().invoke(main, ["arm", *map(str, args)])
+    return shell("arm", *args)
 
 
 def test_list_names_every_arm_with_joints_convention_and_source():

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import poses
 import pytest
+from places import ROOT
 
 from kincal import workbench as wb
 from kincal.workbench.numerics.background import second_process, when_asked
 from kincal_shared.errors import CannotAnswer
 
-ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 30
 
 

@@ -12,20 +12,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import good, shell
 from medium import full_medium
+from places import BIN, ROOT
 from scipy import stats
 
 from kincal import campaign
 from kincal.campaign import cluster, function, pool, statistics, store
 from kincal.campaign import plan as plan_
-from kincal.cli import main
 from kincal.run import dispersed
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.schema.campaign import Condition, Requirement
 from kincal_shared.schema.errors import Contradiction
 
-ROOT = Path(__file__).resolve().parents[2]
 KINCAL = (sys.executable, "-m", "kincal")
 CASES = 4
 SPEC = f"""
@@ -119,7 +118,7 @@ def whole(tmp_path_factory):
 def test_a_wrong_file_is_refused_with_what_where_and_what_to_do(tmp_path, old, new, said):
     assert old in SPEC
     path = spec_file(tmp_path, SPEC.replace(old, new, 1))
-    found = CliRunner().invoke(main, ["campaign", "run", str(path), "--out", str(tmp_path / "out")])
+    found = shell("campaign", "run", path, "--out", tmp_path / "out")
     assert found.exit_code == 2
     for words in (str(path), *said):
         assert words in found.output
@@ -175,24 +174,14 @@ def test_choices_are_equally_likely_and_joints_independent(tmp_path):
 def test_conditions_are_read_and_take_missing_values_as_unknown():
     case = {"active": True, "after_pos_m": 0.001, "before_pos_m": 0.01, "verdict": "change", "p_fit": None}
     for text, want in {
-        "after_pos_m <= 0.001": True,
-        "0 < after_pos_m < 0.5 * before_pos_m": True,
-        'not active or verdict == "poor"': False,
-        "p_fit > 0.1": None,
-        "active or p_fit > 0.1": True,
-        "not active and p_fit > 0.1": False,
-        "before_pos_m / 0 > 1": None,
-    }.items():
+        "after_pos_m <= 0.001": True, "0 < after_pos_m < 0.5 * before_pos_m": True,
+        'not active or verdict == "poor"': False, "p_fit > 0.1": None, "active or p_fit > 0.1": True,
+        "not active and p_fit > 0.1": False, "before_pos_m / 0 > 1": None,
+    }.items():  # fmt: skip
         assert Condition(text).holds(case) is want
     for text in (
-        "after_pos_m",
-        "active < 1",
-        "verdict == 1",
-        "after_pos_m.real > 0",
-        "active +",
-        "1 and active",
-        "",
-    ):
+        "after_pos_m", "active < 1", "verdict == 1", "after_pos_m.real > 0", "active +", "1 and active", "",
+    ):  # fmt: skip
         with pytest.raises(Contradiction):
             Condition(text)
 
@@ -225,7 +214,7 @@ def test_every_kind_of_value_is_read_back(tmp_path):
     }  # fmt: skip
     base = dispersed.load("healthy", tmp_path)
     scenario = dispersed.changed(base, changes)
-    folder = ROOT / "tables" / "bin"
+    folder = BIN
     with dispersed.tables_with(folder, changes) as used:
         world = dispersed.World(scenario, 1, dispersed.fast_imager)
         for key, want in changes.items():
@@ -467,12 +456,11 @@ def test_what_the_cases_of_a_function_show(tmp_path):
     flown(
         tmp_path, FUNCTION + '[[requirement]]\nname = "r"\nholds = \'ended != "died"\'\nprobability = 0.5\n'
     )
-    said = CliRunner().invoke(main, ["campaign", "report", str(tmp_path / "out"), "--outcome", "length"])
-    assert said.exit_code == 0, said.output
+    said = good("campaign", "report", tmp_path / "out", "--outcome", "length")
     assert "6 of 6 cases, 0 died" in said.output
     assert "length" in (tmp_path / "out" / "report.html").read_text()
-    assert CliRunner().invoke(main, ["campaign", "report", str(tmp_path / "out")]).output == said.output
-    said = CliRunner().invoke(main, ["campaign", "report", str(tmp_path / "out"), "--outcome", "after_pos_m"])
+    assert shell("campaign", "report", tmp_path / "out").output == said.output
+    said = shell("campaign", "report", tmp_path / "out", "--outcome", "after_pos_m")
     assert said.exit_code == 2
     assert "no number 'after_pos_m'" in said.output
     assert "known: length" in said.output
@@ -609,7 +597,7 @@ def test_replay_gives_the_same_bits_and_says_what_differs(whole, tmp_path):
         campaign.replay(folder, 99)
     copy, tables = tmp_path / "copy", tmp_path / "tables"
     shutil.copytree(folder, copy)
-    shutil.copytree(ROOT / "tables" / "bin", tables)
+    shutil.copytree(BIN, tables)
     manifest = json.loads((copy / "campaign.json").read_text()) | {"tables_folder": str(tables)}
     manifest["tables"][""]["kin"] = "00000000"
     (copy / "campaign.json").write_text(json.dumps(manifest))
@@ -628,7 +616,7 @@ def test_a_changed_case_is_found_by_replay(whole, tmp_path):
     found = pq.read_table(part).to_pylist()
     found[0]["after_pos_m"] = np.nextafter(found[0]["after_pos_m"], 1.0)
     pq.write_table(pa.Table.from_pylist(found, pq.read_schema(part)), part)
-    said = CliRunner().invoke(main, ["campaign", "replay", str(tmp_path), str(found[0]["index"])])
+    said = shell("campaign", "replay", tmp_path, found[0]["index"])
     assert said.exit_code == 1
     assert "after_pos_m" in said.output
     assert "the software is the same" in said.output
@@ -682,12 +670,8 @@ def made(tmp_path, n=300, seed=3, effect=1.0):
             "ended": "finished", "verdict": "change", "reason": f"off by {error:.6f}", "active": True,
             "after_pos_m": error, "before_pos_m": 0.1, "success": True, "contacts_s": 0.0}  # fmt: skip
         flown = {
-            "index": case.index,
-            "dispersed": case.changes,
-            "outcome": outcome,
-            "digest": "d",
-            "cpu_s": 1.0,
-        }
+            "index": case.index, "dispersed": case.changes, "outcome": outcome, "digest": "d", "cpu_s": 1.0,
+        }  # fmt: skip
         found.append(pool.Answer(case, flown, 1.0))
     with store.Store(tmp_path / f"out{seed}", plan) as opened:
         opened.write(found)
@@ -722,8 +706,7 @@ def test_two_campaigns_are_compared(tmp_path):
 def test_the_report_is_text_and_page(whole, tmp_path):
     _, folder = whole
     page = tmp_path / "r.html"
-    said = CliRunner().invoke(main, ["campaign", "report", str(folder), str(folder), "--report", str(page)])
-    assert said.exit_code == 0, said.output
+    said = good("campaign", "report", folder, folder, "--report", page)
     for words in (f"{CASES} of {CASES} cases, 0 died", "comes to an end", "Compared", "differ in: nothing"):
         assert words in said.output
     html = page.read_text()
@@ -803,7 +786,7 @@ def test_no_scheduler_and_a_scheduler_that_goes_away_are_said(whole, tmp_path, m
 
 def command(*arguments):
     """What the command says, in its own words."""
-    found = CliRunner().invoke(main, ["campaign", "run", *map(str, arguments)])
+    found = shell("campaign", "run", *arguments)
     return found.exit_code, found.output
 
 

@@ -3,10 +3,10 @@
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import BIN
 from samples import CRC, NAMES, proposal, sealed, write_log
 
 from kincal import review
@@ -20,8 +20,6 @@ from kincal.review.changes import KinValues, amount, of_review, of_rollback, of_
 from kincal.review.status import Status
 from kincal.rotations import angle_of_matrix
 from kincal_shared.errors import BadInput
-
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 
 
 @pytest.fixture(scope="module")
@@ -89,16 +87,12 @@ def test_a_value_is_shown_old_and_new_with_sigma_share_and_source(flown):
 @pytest.mark.parametrize(
     ("status", "sigma", "prior", "text"),
     [
-        ("estimated", 0.1, 0.0, "data"),
-        ("estimated", 0.1, 1.0, "data"),
-        ("estimated", 0.5, 1.0, "data 75%, prior"),
-        ("estimated", 0.99, 1.0, "prior"),
-        ("estimated", 2.0, 1.0, "prior"),
-        ("at upper bound", 0.1, 0.0, "data, at upper bound"),
-        ("held", 0.0, 1.0, "held: kept as it was"),
-        ("masked", 0.0, 0.0, "masked: kept as it was"),
+        ("estimated", 0.1, 0.0, "data"), ("estimated", 0.1, 1.0, "data"),
+        ("estimated", 0.5, 1.0, "data 75%, prior"), ("estimated", 0.99, 1.0, "prior"),
+        ("estimated", 2.0, 1.0, "prior"), ("at upper bound", 0.1, 0.0, "data, at upper bound"),
+        ("held", 0.0, 1.0, "held: kept as it was"), ("masked", 0.0, 0.0, "masked: kept as it was"),
     ],
-)
+)  # fmt: skip
 def test_a_value_rests_on_data_or_on_its_prior(status, sigma, prior, text):
     assert changes._source(status, sigma, prior) == text
 
@@ -236,11 +230,8 @@ def test_page_text_and_json_say_the_same(flown):
     assert page.summary[0] == f"{found.headline}."
     grid = next(s.grid for s in page.sections if s.key == "changes")
     assert [c.text for c in grid.rows[0]][:4] == [
-        "J7.phi_rad",
-        "0.000 deg",
-        found.rows[0].new_text,
-        "+74.485 deg",
-    ]
+        "J7.phi_rad", "0.000 deg", found.rows[0].new_text, "+74.485 deg",
+    ]  # fmt: skip
     assert next(s for s in page.sections if s.key == "tool").grid.rows[0][0].text == "park pose"
     data = json.loads(json.dumps(found.as_dict()))
     assert data["headline"] == found.headline

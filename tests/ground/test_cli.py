@@ -1,18 +1,16 @@
 """Commands: help, documents, exit status."""
 
 import re
-from pathlib import Path
 
 import click
 import pytest
 from commands import shell as invoke
+from places import BIN, ROOT, SRC
 
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
 
-ROOT = Path(__file__).resolve().parents[2]
 LAYOUT = {"camera": 2, "config": 2, "space": 2}  # of the others 1
-BIN, SRC = ROOT / "tables" / "bin", ROOT / "tables" / "src"
 GUIDE = (ROOT / "docs" / "GROUND.md").read_text()
 
 
@@ -73,15 +71,11 @@ def test_every_kind_can_be_shown(kind):
 @pytest.mark.parametrize(
     "args",
     [
-        ("table", "show", BIN / "nothing.tbl"),
-        ("table", "dump", "legs", "x.tbl"),
-        ("space", "show", BIN / "arm.tbl", "--tables", BIN),
-        ("run", "no-such-scenario"),
-        ("run", "paper", "--poses", "65"),
-        ("log", SRC / "arm.toml"),
-        ("review", "approve", "12345678"),
+        ("table", "show", BIN / "nothing.tbl"), ("table", "dump", "legs", "x.tbl"),
+        ("space", "show", BIN / "arm.tbl", "--tables", BIN), ("run", "no-such-scenario"),
+        ("run", "paper", "--poses", "65"), ("log", SRC / "arm.toml"), ("review", "approve", "12345678"),
     ],
-)
+)  # fmt: skip
 def test_bad_input_is_status_2_without_a_traceback(args):
     done = invoke(*args)
     assert done.exit_code == EXIT_INPUT, done.output

@@ -7,9 +7,11 @@ import re
 import time
 
 import pytest
+from commands import good, text_of
 from commands import shell as kincal
-from direct_flight import DirectFlight
+from direct_flight import EVENT, STATE, DirectFlight, Lander, act
 from fake_flight import FakeFlight
+from places import BIN
 from rich.console import Console
 from rich.markup import escape
 from samples import CRC, decided, event, proposal, signed, write_log
@@ -28,12 +30,9 @@ from kincal.flight.tables import decode_as, encode, kind_number
 from kincal.link import names
 from kincal.operate import recording
 from kincal.review.decisions import Operator
-from kincal_shared import installation, keys
+from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed, NoAnswer
 
-STATE = library("flight").enum("kc_state_t", "KC_ST_")
-TABLES = installation.root() / "tables" / "bin"
-EVENT = library("flight").enum("kc_event_id_t", "KC_EVT_")
 POOR = kcm.proposal_t.POOR
 ACQUISITION, CONFIG = library("flight").enum("kc_acq_t", "KC_ACQ_"), kind_number("config")
 
@@ -43,35 +42,9 @@ def journal(tmp_path):
     return tmp_path / "journal.jsonl"
 
 
-class Lander(DirectFlight):
-    """Starts, aborts and rolls back."""
-
-    def __init__(self, signer=None, kin=CRC):
-        super().__init__(signer)
-        self.hk.boot_count, self.hk.table_crc = 3, [0, 1, 1, 1, signed(kin), 1, 1, 1]
-        self.hk.kin_prev_crc = 7
-
-    def publish(self, channel, message):
-        super().publish(channel, message)
-        opcode = message.opcode
-        if opcode in self.ignores or opcode in self.refuse:
-            return
-        if opcode == kcm.cmd_t.START:
-            self.hk.state = STATE["MOVE"]
-            self.answer("KC_EVENT", event(self.hk.t_us, 1, EVENT["CAL_START"], 1, 20.0, 4))
-        elif opcode == kcm.cmd_t.ABORT:
-            self.hk.state = STATE["SAFE"]
-        elif opcode == kcm.cmd_t.ROLLBACK:
-            self.hk.table_crc[4] = 7
-
-
-def act(flight, request, journal, timeout_s=5.0):
-    """Steps and outcome of a command; the snapshot has heard flight before."""
-    said, steps, snapshot = [], [], operate.Snapshot()
-    operate.listen(flight, snapshot, 2.0, lambda s: s.hk is not None)
-    who = Operator("A. Operator", "because", journal, timeout_s, said.append)
-    done = operate.act(flight, request, who, snapshot, steps.append)
-    return done, [s.stage for s in steps], said
+@pytest.fixture
+def flight(signer):
+    return Lander(signer)
 
 
 def lines(journal, key_file):
@@ -84,16 +57,12 @@ def lines(journal, key_file):
 def test_a_command_is_written_down_before_it_is_sent_and_after(journal, key_file):
     done, steps, _ = act(Lander(keys.signer_of(key_file)), operate.start(), journal)
     assert done.outcome == operate.DONE and steps == ["sent", "received", "accepted", "done"]
-    assert lines(journal, key_file) == [
-        ("attempt", "START", "because"),
-        ("start", "START", "because"),
-    ]
+    assert lines(journal, key_file) == [("attempt", "START", "because"), ("start", "START", "because")]
     entry = review.check_journal(journal)[-1]
     assert (entry.by, entry.counter > 0) == ("A. Operator", True)
 
 
-def test_a_refusal_and_silence_are_written_down_as_what_they_are(journal, key_file):
-    flight = Lander(keys.signer_of(key_file))
+def test_a_refusal_and_silence_are_written_down_as_what_they_are(flight, journal, key_file):
     flight.refuse = {kcm.cmd_t.START: (-8, EVENT["CMD_STATE"])}
     assert act(flight, operate.start(), journal)[0].outcome == operate.REFUSED
     flight.refuse, flight.publish = {}, lambda _channel, _message: None
@@ -106,8 +75,7 @@ def test_a_refusal_and_silence_are_written_down_as_what_they_are(journal, key_fi
     assert "START refused: CMD_STATE" in why[1] and "It was sent once." in why[3]
 
 
-def test_nothing_is_sent_twice_whatever_comes_back(journal, key_file):
-    flight = Lander(keys.signer_of(key_file))
+def test_nothing_is_sent_twice_whatever_comes_back(flight, journal):
     sent = flight.publish
 
     def twice(channel, message):
@@ -122,8 +90,7 @@ def test_nothing_is_sent_twice_whatever_comes_back(journal, key_file):
     assert [c.opcode for c in flight.commands] == [kcm.cmd_t.ROLLBACK, kcm.cmd_t.START]
 
 
-def test_a_restart_before_the_answer_ends_it_and_says_so(journal, key_file):
-    flight = Lander(keys.signer_of(key_file))
+def test_a_restart_before_the_answer_ends_it_and_says_so(flight, journal):
 
     def publish(_channel, _message):
         flight.hk.boot_count += 1
@@ -133,8 +100,7 @@ def test_a_restart_before_the_answer_ends_it_and_says_so(journal, key_file):
     assert done.outcome == operate.UNCERTAIN and "start 3 -> 4" in done.last_line
 
 
-def test_an_unsound_journal_stops_a_command_but_not_an_abort(journal, key_file):
-    flight = Lander(keys.signer_of(key_file))
+def test_an_unsound_journal_stops_a_command_but_not_an_abort(flight, journal):
     act(flight, operate.start(), journal)
     journal.write_text(journal.read_text().replace("A. Operator", "B. Operator"))
     n = len(flight.commands)
@@ -155,8 +121,7 @@ def test_an_abort_needs_no_key_and_any_other_command_does(journal):
         act(flight, operate.start(), journal)
 
 
-def test_a_command_is_stamped_by_housekeeping_not_by_the_arm(journal, key_file):
-    flight = Lander(keys.signer_of(key_file))
+def test_a_command_is_stamped_by_housekeeping_not_by_the_arm(flight, journal):
     snapshot = operate.Snapshot()
     operate.listen(flight, snapshot, 2.0, lambda s: s.hk is not None)
     stranger = kcm.arm_state_t()
@@ -177,7 +142,7 @@ def test_a_dry_run_sends_nothing_and_names_what_is_not_met(journal):
         )
         assert run.exit_code == 1, run.output
         assert "not met: state IDLE or SAFE; found: REVIEW, by housekeeping received" in run.output
-        assert "flight would refuse ROLLBACK; nothing was sent" in " ".join(run.output.split())
+        assert "flight would refuse ROLLBACK; nothing was sent" in text_of(run)
         run = kincal(
             "review", "reject", f"{CRC:08x}", "--by", "me", "--why", "x", "--dry-run", "--url", flight.url
         )
@@ -201,8 +166,7 @@ def test_a_dry_run_is_also_data(journal):
 def test_a_command_prints_its_verifiers_or_data_and_its_exit_status(journal):
     with FakeFlight() as flight:
         given = ("--url", flight.url, "--journal", journal)
-        run = kincal("command", "noop", *given)
-        assert run.exit_code == 0, run.output
+        run = good("command", "noop", *given)
         assert [line.split()[1] for line in run.output.splitlines()[:4]] == [
             "sent", "received", "accepted", "done"
         ]  # fmt: skip
@@ -234,21 +198,20 @@ def test_a_wrong_argument_is_named_before_anything_is_sent(args, text):
 
 def test_a_calibration_of_the_joints_that_the_monitor_suspects(journal):
     with FakeFlight() as flight:
-        flight.images[3] = (TABLES / "terms.tbl").read_bytes()
+        flight.images[3] = (BIN / "terms.tbl").read_bytes()
         common = ("--journal", journal, "--url", flight.url, "--timeout", 1)
         run = kincal("command", "start", "--joints", "2,4", "--dry-run", *common)
         assert "coefficients f0f0: J2.phi_rad, J2.alpha_rad, J2.a_m, J2.d_m, J4.phi_rad" in run.output
         kincal("command", "start", "--joints", "4", *common)
         assert flight.masks == [0xF000]
-        flight.images[3] = (TABLES / "kin.tbl").read_bytes()  # another CRC
+        flight.images[3] = (BIN / "kin.tbl").read_bytes()  # another CRC
         run = kincal("command", "start", "--joints", "4", *common)
         assert run.exit_code == 2 and "are in force, these are" in run.output and flight.masks == [0xF000]
 
 
 def test_status_is_one_screen_and_plain_data():
     with FakeFlight(CRC) as flight:
-        run = kincal("status", "--seconds", 0.5, "--url", flight.url)
-        assert run.exit_code == 0, run.output
+        run = good("status", "--seconds", 0.5, "--url", flight.url)
         assert "waits for the ground: decide on correction fedcba98 (change proposed)" in run.output
         assert "kin 00000001" in run.output and "arm missing" in run.output
         assert re.search(r"joints +unknown", run.output)
@@ -268,7 +231,7 @@ def test_status_says_what_is_of_a_recording_and_of_an_earlier_start(tmp_path, mo
         r.close()
         flight.boot_count = 5
         run = kincal("status", "--seconds", 0.3, "--url", flight.url)
-        said = " ".join(run.output.split())
+        said = text_of(run)
         flight.boot_count = 4
         now = kincal("status", "--seconds", 0.3, "--url", flight.url).output
     assert f"those with a date are of {r.files[0]}" in said
@@ -316,8 +279,8 @@ def test_cause_and_action_of_an_event_that_comes_again_are_said_once():
 
 def test_questions_and_comments_are_lines_of_the_journal(journal, key_file):
     given = ("--by", "B. Second", "--journal", journal)
-    assert kincal("review", "comment", "pose 7 was in shadow", "--crc", "fedcba98", *given).exit_code == 0
-    assert kincal("review", "comment", "why now?", "--question", *given).exit_code == 0
+    good("review", "comment", "pose 7 was in shadow", "--crc", "fedcba98", *given)
+    good("review", "comment", "why now?", "--question", *given)
     assert lines(journal, key_file) == [("comment", "", "pose 7 was in shadow"), ("question", "", "why now?")]
     assert decided(review.check_journal(journal))[0].crc == "fedcba98"
     assert "pose 7 was in shadow" in kincal("audit", "log", "--journal", journal).output
@@ -495,7 +458,7 @@ def test_a_noop_is_not_sent_without_the_key_that_it_asks_about(online, tmp_path)
         assert run.exit_code == 2 and "others may read or change the keys" in run.output, run.output
     assert online.commands == []
     run = online.run("abort", "--keys", mine)
-    said = " ".join(run.output.split())
+    said = text_of(run)
     assert "others may read or change the keys" in said and "ABORT is sent without a signature" in said
     assert [c.key_id for c in online.commands] == [0]
 
@@ -586,17 +549,12 @@ def test_decisions_and_dumps_are_the_same_commands_as_in_their_own_groups(name, 
 @pytest.mark.parametrize(
     ("args", "state", "verdict", "armed_by", "status"),
     [
-        (("arm",), "REVIEW", 1, 0, 0),
-        (("arm",), "REVIEW", POOR, 0, 1),
-        (("arm", "--override", "sample at risk"), "REVIEW", POOR, 0, 0),
-        (("arm",), "IDLE", 1, 0, 1),
-        (("go",), "ARMED", 1, "me", 1),
-        (("go",), "ARMED", 1, "B", 0),
-        (("go",), "REVIEW", 1, 0, 1),
-        (("reject",), "ARMED", POOR, "me", 0),
-        (("reject",), "IDLE", 1, 0, 1),
+        (("arm",), "REVIEW", 1, 0, 0), (("arm",), "REVIEW", POOR, 0, 1),
+        (("arm", "--override", "sample at risk"), "REVIEW", POOR, 0, 0), (("arm",), "IDLE", 1, 0, 1),
+        (("go",), "ARMED", 1, "me", 1), (("go",), "ARMED", 1, "B", 0), (("go",), "REVIEW", 1, 0, 1),
+        (("reject",), "ARMED", POOR, "me", 0), (("reject",), "IDLE", 1, 0, 1),
     ],
-)
+)  # fmt: skip
 def test_a_dry_run_of_a_decision_names_what_flight_would_refuse(
     online, key_file, args, state, verdict, armed_by, status
 ):
@@ -651,8 +609,7 @@ def test_what_waits_is_shown_from_its_recording_to_who_is_named(online, journal,
     assert run.exit_code == 1 and "no correction waits on board" in run.output
     online.waits(CRC)
     write_log(tmp_path / "a.lcmlog", waiting=proposal())
-    run = kincal(*show, "--json", "--by", "A. Reviewer")
-    assert run.exit_code == 0, run.output
+    run = good(*show, "--json", "--by", "A. Reviewer")
     assert lines(journal, key_file)[0][:2] == ("seen", "") and not online.commands
     assert json.JSONDecoder().raw_decode(run.output[run.output.index("{") :])[0]["crc"] == f"{CRC:08x}"
 
@@ -679,8 +636,9 @@ def test_what_waits_and_was_not_recorded_is_asked_of_flight(online, journal, tmp
 # ---------------------------------------------------------------------------- what is written of a command
 
 
-def test_what_flight_took_without_its_effect_is_written_as_taken_with_what_is_missing(journal, key_file):
-    flight = Lander(keys.signer_of(key_file))
+def test_what_flight_took_without_its_effect_is_written_as_taken_with_what_is_missing(
+    flight, journal, key_file
+):
     flight.publish = lambda channel, message: DirectFlight.publish(flight, channel, message)
     done, _, _ = act(flight, operate.rollback(CRC), journal, 1.0)
     assert done.outcome == operate.ACCEPTED
@@ -690,8 +648,7 @@ def test_what_flight_took_without_its_effect_is_written_as_taken_with_what_is_mi
 @pytest.mark.parametrize(
     ("error", "why"), [(KeyboardInterrupt(), "interrupted"), (CommandFailed("cut", "url", "wait"), "cut")]
 )
-def test_a_program_that_ends_while_it_waits_leaves_a_trace(journal, key_file, error, why):
-    flight = Lander(keys.signer_of(key_file))
+def test_a_program_that_ends_while_it_waits_leaves_a_trace(flight, journal, key_file, error, why):
 
     def fails(_timeout_s):
         if flight.commands:
@@ -715,7 +672,7 @@ def test_a_program_that_ends_while_it_waits_leaves_a_trace(journal, key_file, er
 def test_an_uplink_that_ends_early_is_written_as_what_is_known(journal, key_file, error, line):
     flight, who = Lander(keys.signer_of(key_file)), Operator("A", "new plan", journal, 2.0)
     flight.publish = lambda *_: (_ for _ in ()).throw(error)
-    image, _ = decode_as("config", (TABLES / "config.tbl").read_bytes(), "")
+    image, _ = decode_as("config", (BIN / "config.tbl").read_bytes(), "")
     with pytest.raises(type(error)):
         operate.uplink(flight, image, who, 5.0)
     assert lines(journal, key_file)[-1] == line
@@ -775,10 +732,10 @@ def test_a_question_about_a_correction_stands_in_the_journal(journal, key_file):
 
 
 def test_the_coefficients_of_joints_are_the_enabled_ones(tmp_path):
-    image, table = decode_as("terms", (TABLES / "terms.tbl").read_bytes(), "")
+    image, table = decode_as("terms", (BIN / "terms.tbl").read_bytes(), "")
     kinds = ("phi_rad", "alpha_rad", "a_m", "d_m")
     named = tuple(f"J{j}.{kind}" for j in (2, 4) for kind in kinds)
-    assert operate.of_joints((4, 2, 4), TABLES / "terms.tbl") == (0xF0F0, image.crc_text, named)
+    assert operate.of_joints((4, 2, 4), BIN / "terms.tbl") == (0xF0F0, image.crc_text, named)
     table.coef[5].enabled = 0
     made = encode("terms", table)
     file = tmp_path / "terms.tbl"
@@ -864,9 +821,8 @@ def test_what_comes_while_a_command_is_followed_is_known_afterwards(journal, key
     assert snapshot.state == "SAFE"
 
 
-def test_another_flight_that_is_heard_while_a_command_is_followed_leaves_it_open(key_file):
+def test_another_flight_that_is_heard_while_a_command_is_followed_leaves_it_open(flight):
     """What housekeeping shows may be the other one's."""
-    flight = Lander(keys.signer_of(key_file))
     flight.ignores.add(kcm.cmd_t.TABLE_DISCARD)
     real, flight.hk.staged_kind = flight.next, 4
 

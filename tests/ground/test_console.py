@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from fake_flight import FakeFlight
+from places import BIN
 from samples import CRC, event, progress, proposal, signed, write_log
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
@@ -32,7 +33,6 @@ from kincal.run.inprocess import simulate
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_sim.ports import private_port, private_url
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 ACCESS = Access(8674, token="the-token")
 HOST, ORIGIN = "127.0.0.1:8674", "http://127.0.0.1:8674"
 GOOD = {"host": HOST, "origin": ORIGIN, "cookie": "kincal_8674=the-token"}
@@ -94,13 +94,9 @@ POSTS = ("/api/abort", "/api/start", "/api/rollback", f"/api/review/{CRC:08x}/ar
 
 
 ORIGINS = [
-    None,
-    "null",
-    "http://evil.example",
-    "http://127.0.0.1:80",
-    f"{ORIGIN}.evil.example",
+    None, "null", "http://evil.example", "http://127.0.0.1:80", f"{ORIGIN}.evil.example",
     "https://127.0.0.1:8674",
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("path", POSTS)

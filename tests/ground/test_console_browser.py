@@ -5,12 +5,12 @@ import os
 import shutil
 import socket
 import threading
-from pathlib import Path
 
 import poses
 import pytest
 import uvicorn
 from axe_playwright_python.sync_playwright import Axe
+from places import BIN
 from playwright.sync_api import expect, sync_playwright
 from simulated_flight import SimulatedFlight
 
@@ -28,7 +28,6 @@ from kincal.console.sources import Live
 from kincal.console.spaces import Spaces
 from kincal.review import journal
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 CHROMIUM = os.environ.get("KINCAL_CHROMIUM") or shutil.which("chromium")
 WIDE = {"width": 1920, "height": 1080}
 SHOTS = os.environ.get("KINCAL_SHOTS")  # a folder: pictures of what the tests see

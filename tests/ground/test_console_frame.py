@@ -2,9 +2,9 @@
 
 import math
 import shutil
-from pathlib import Path
 
 import pytest
+from places import BIN
 from samples import image
 from starlette.testclient import TestClient
 from test_console import ACCESS, GOOD, ORIGIN
@@ -17,8 +17,6 @@ from kincal.console.picture import MOST_JPEG, Picture
 from kincal.console.shelf import Shelf
 from kincal.console.sources import Playback, Recording
 from kincal.operate.recording import Recorder
-
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 
 
 @pytest.fixture

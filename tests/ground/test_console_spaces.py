@@ -3,10 +3,10 @@
 import re
 import shutil
 import time
-from pathlib import Path
 
 import pytest
 from fake_flight import FakeFlight
+from places import BIN
 from starlette.testclient import TestClient
 from test_console import ACCESS, GOOD, JSON, ORIGIN
 
@@ -22,7 +22,6 @@ from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.schema.edit import changed, value_text
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 # few of everything: a second instead of minutes
 SMALL = {
     "candidates": "2", "samples": "60", "seed": "5", "initial_poses": "1", "stops.most": "0",

@@ -3,10 +3,10 @@
 import re
 import shutil
 import time
-from pathlib import Path
 
 import pytest
 from fake_flight import FakeFlight
+from places import BIN
 from starlette.testclient import TestClient
 from test_console import ACCESS, GOOD, JSON, ORIGIN
 
@@ -22,8 +22,6 @@ from kincal.flight.tables import encode
 from kincal.review import journal
 from kincal.tables import build, load
 from kincal_shared import keys
-
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 
 
 @pytest.fixture

@@ -1,11 +1,10 @@
 """The console's views in a real browser, on flight's own core: a search space from its description to its
 read-back, an effect from upload to uplink."""
 
-from pathlib import Path
-
 import lcm
 import poses
 import pytest
+from places import ROOT
 from playwright.sync_api import expect
 from simulated_flight import SimulatedFlight
 from test_console_browser import CHROMIUM, Served, browser, opened, serious, shot  # noqa: F401 a fixture
@@ -13,7 +12,7 @@ from test_console_spaces import SMALL
 
 import kcm
 
-FRAME = Path(__file__).resolve().parents[2] / "docs" / "img" / "frame.jpg"
+FRAME = ROOT / "docs" / "img" / "frame.jpg"
 WIDTH = "fetch('/api/frame/7').then((a) => a.blob()).then(createImageBitmap).then((b) => b.width)"
 SLOW_MS = 150_000  # of a process of its own, on a busy machine
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")

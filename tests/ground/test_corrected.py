@@ -13,8 +13,9 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import good
 from direct_flight import DirectFlight
+from places import BIN
 from rich.console import Console
 from samples import decided, proposal, shipped, signed, write_log
 from test_changes import kin_image
@@ -22,7 +23,6 @@ from test_changes import kin_image
 import kcm
 from kincal import space
 from kincal.api import corrected, previews, reviews
-from kincal.cli import main
 from kincal.cli.text import review as text
 from kincal.console.clearances import Clearances, Found
 from kincal.console.desk import Desk, Words
@@ -38,7 +38,6 @@ from kincal.space.mjcf import ArmModel
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import signer_of
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 SOURCE = BIN.parent / "src" / "space.toml"
 DESC = space.read_description(SOURCE)
 # the named case of space.toml
@@ -179,8 +178,7 @@ def too_near(tmp_path, monkeypatch):
 
 def shown(log, *more):
     words = ["review", "show", str(log), "--tables", str(BIN), "--before", str(BIN), *more]
-    run = CliRunner().invoke(main, words, env={"COLUMNS": "200"})
-    assert run.exit_code == 0, run.output
+    run = good(*words, env={"COLUMNS": "200"})
     return run.stdout
 
 

@@ -3,16 +3,14 @@
 import ast
 import subprocess
 import sys
-from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
+from places import ROOT
 
 from kincal.cli.errors import EXIT_INTERRUPTED, Commands
 from kincal_shared.errors import BadInput, CannotAnswer, CommandFailed, KincalError
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_error_says_what_where_and_what_to_do_in_three_lines():
@@ -65,26 +63,18 @@ def test_interrupted_command_ends_with_130():
     assert "Traceback" not in done.output
 
 
-def test_commands_and_workbench_do_not_load_what_few_of_their_answers_need():
-    script = "import sys, kincal.cli, kincal.workbench; print(*sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        env={"PYTHONPATH": str(ROOT / "ground")},
-    )
-    loaded = set(done.stdout.split())
-    assert {"scipy.stats", "scipy.optimize", "plotly", "pyarrow"} & loaded == set(), done.stderr
-    assert "numpy" in loaded
-
-
-def test_library_does_not_load_what_only_the_terminal_and_the_pages_need():
-    script = "import sys, kincal, kincal_shared.errors; print(*sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        env={"PYTHONPATH": str(ROOT / "ground")},
-    )
-    heavy = {"click", "rich", "plotly", "jinja2", "kaleido", "mujoco", "cv2", "numpy"}
-    assert heavy & {name.partition(".")[0] for name in done.stdout.split()} == set(), done.stderr
+@pytest.mark.parametrize(
+    ("imported", "loaded", "unwanted"),
+    [
+        ("kincal.cli, kincal.workbench", "numpy", {"scipy.stats", "scipy.optimize", "plotly", "pyarrow"}),
+        ("kincal, kincal_shared.errors", "kincal",
+         {"click", "rich", "plotly", "jinja2", "kaleido", "mujoco", "cv2", "numpy"}),
+    ],
+    ids=["commands and workbench", "library"],
+)  # fmt: skip
+def test_what_few_answers_need_is_not_loaded_before(imported, loaded, unwanted):
+    script = f"import sys, {imported}; print(*sys.modules)"
+    env = {"PYTHONPATH": str(ROOT / "ground")}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=env)
+    names = set(done.stdout.split())
+    assert loaded in names and not unwanted & names, done.stderr

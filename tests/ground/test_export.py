@@ -7,19 +7,17 @@ import json
 import re
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import boards
 import numpy as np
 import poses
 import pytest
-from click.testing import CliRunner
+from commands import good, shell
 from exports import CModule, drivers_at, hypothesis, python_module, random_data, unfitted
-from real_arms import DATA
+from places import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
-from kincal.cli import main
 from kincal.export import calibrated_fit, dh_table
 from kincal.export.dh import four_parameter_table
 from kincal.export.source import c_header, c_source, describe, python_source, source_left_out
@@ -34,8 +32,6 @@ from kincal_shared.schema.arm import read_arm
 from kincal_shared.schema.model import FitEntry, FrameEntry
 from kincal_shared.schema.names import FAULTS, FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
 from kincal_shared.schema.terms import ONE, Basis
-
-ROOT = Path(__file__).resolve().parents[2]
 
 FRAME = FrameEntry(xyz_m=(0, 0, 0), quat_wxyz=(1, 0, 0, 0))
 RECORD = FitEntry(
@@ -110,20 +106,9 @@ def everything(n):
     bases += [Basis(fn, "q", 1 + k % n, -0.2, 1.7) for k, fn in enumerate(FUNCTIONS)]
     bases += [Basis("tan2", "incid", 0), Basis("step", "t", 0, 1800.0), Basis("tanh", "tau", 2, 0.0, 0.1)]
     small = {
-        "gx": 0.1,
-        "gy": 0.1,
-        "gz": 0.1,
-        "levx": 0.1,
-        "levy": 0.1,
-        "levz": 0.1,
-        "t": 1e-3,
-        "temp": 0.1,
-        "tau": 0.02,
-        "Mx": 0.02,
-        "My": 0.02,
-        "Mz": 0.02,
-        "taup": 0.02,
-    }
+        "gx": 0.1, "gy": 0.1, "gz": 0.1, "levx": 0.1, "levy": 0.1, "levz": 0.1, "t": 1e-3, "temp": 0.1,
+        "tau": 0.02, "Mx": 0.02, "My": 0.02, "Mz": 0.02, "taup": 0.02,
+    }  # fmt: skip
     torque = Basis("sin", "tau", n, 0.0, 0.1)
     other = itertools.cycle([ONE, Basis("cos", "q", 1), Basis("lin", "payload", 0), torque])
     rows = [
@@ -261,6 +246,7 @@ def test_orientation_is_left_alone_where_none_was_measured(tmp_path):
     assert np.abs(sent - q)[6] < 1e-3
 
 
+@pytest.mark.parametrize("model", ["gantry, every basis", "wam, DH alone"], indirect=True)
 def test_unreachable_pose_is_said_in_both_languages(model):
     _, data, module, c = model
     d = all_drivers(module, data, 0)
@@ -556,8 +542,11 @@ def with_middle(points_m):
     return np.vstack([smaller(points_m), points_m.mean(axis=0)])
 
 
-@pytest.mark.parametrize("second", [None, smaller, with_middle])
-@pytest.mark.parametrize("points_m", [boards.BOARD, TAG], ids=["board", "tag"])
+@pytest.mark.parametrize(
+    ("points_m", "second"),
+    [(boards.BOARD, None), (boards.BOARD, smaller), (TAG, None), (TAG, smaller), (TAG, with_middle)],
+    ids=["board", "two boards", "tag", "two tags", "tag and board"],
+)
 @pytest.mark.parametrize("mount", ["tool", "world"])
 def test_measured_is_the_pose_that_the_camera_finds_with_every_fault(mount, points_m, second, tmp_path):
     arm = read_arm(boards.arm_toml(tmp_path / "arm.toml", mount, True))
@@ -630,12 +619,10 @@ def test_model_file_keeps_the_camera_and_target_that_were_assumed(tmp_path):
     """Nothing is stated: the board follows from the measurements, which the export does not see."""
     home = DATA / "fr3"
     arm, data, out = next(home.glob("*.toml")), home / "fr3.csv", tmp_path / "M.toml"
-    runner = CliRunner()
     for words in (("add", "--model", out, "lens_radial"),
                   ("fit", "--arm", arm, "--data", data, "--model", out),
                   ("export", "--model", out, "--format", "python", "-o", tmp_path / "o.py")):  # fmt: skip
-        done = runner.invoke(main, ["model", *map(str, words)])
-        assert done.exit_code == 0, done.output
+        done = good("model", *words)
     assert "not in" not in done.stderr
     table = read_arm(arm)
     read = read_measurements(data, table)
@@ -654,18 +641,14 @@ def test_model_file_without_the_camera_is_refused_where_the_export_needs_it(tmp_
     boards.eye_in_hand_csv(tmp_path / "poses.csv", 30, 1, (0.02, 0.0, 0.0, 0.0))
     for words in (("add", "--model", "M.toml", "lens_radial"),
                   ("fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml")):  # fmt: skip
-        done = kincal(tmp_path, "model", *words)
-        assert done.exit_code == 0, done.output
+        well(tmp_path, "model", *words)
     file = tmp_path / "M.toml"
     before, sight, after = re.split(r"(?ms)^\[fit\.sight\]\n(.*?)(?=^\[)", file.read_text())
     assert "points_m" in sight
     file.write_text(before + after)
     for form, name, status in (
-        ("python", "o.py", 2),
-        ("c", "o.c", 2),
-        ("json", "o.json", 0),
-        ("dh", "o.toml", 0),
-    ):
+        ("python", "o.py", 2), ("c", "o.c", 2), ("json", "o.json", 0), ("dh", "o.toml", 0),
+    ):  # fmt: skip
         done = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", form, "-o", name)
         assert done.exit_code == status, done.output
         assert (tmp_path / name).exists() == (status == 0)
@@ -684,11 +667,8 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("export")
     poses.arm_toml(out / "arm.toml")
     poses.poses_csv(out / "poses.csv", 60, 3, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0]))
-    assert kincal(out, "model", "add", "--model", "M.toml", "backlash[4]", "tag_scale").exit_code == 0
-    assert (
-        kincal(out, "model", "fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml").exit_code
-        == 0
-    )
+    well(out, "model", "add", "--model", "M.toml", "backlash[4]", "tag_scale")
+    well(out, "model", "fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml")
     return out
 
 
@@ -696,7 +676,13 @@ def kincal(folder, *words):
     """A command; words that name files are taken from the folder."""
     files = (".toml", ".csv", ".urdf", ".py", ".c", ".json", ".pdf", ".h")
     given = [str(folder / word) if word.endswith(files) else word for word in words]
-    return CliRunner().invoke(main, given)
+    return shell(*given)
+
+
+def well(folder, *words):
+    done = kincal(folder, *words)
+    assert done.exit_code == 0, done.output
+    return done
 
 
 def test_model_file_holds_frames_split_data_hash_version_and_covariance(folder):
@@ -729,26 +715,14 @@ def test_change_of_the_model_forgets_the_fit(folder):
     ("python", "o.py", ["o.py"]), ("c", "o.c", ["o.c", "o.h"]),
 ])  # fmt: skip
 def test_export_writes_each_format(folder, form, name, files):
-    done = kincal(folder, "model", "export", "--model", "M.toml", "--format", form, "-o", name)
-    assert done.exit_code == 0, done.output
+    done = well(folder, "model", "export", "--model", "M.toml", "--format", form, "-o", name)
     assert all((folder / file).stat().st_size > 500 for file in files)
     assert ("backlash[4], worth" in done.stderr) == (form in ("dh", "urdf"))
 
 
 def test_exported_code_of_a_model_file_predicts_the_measurements_as_the_fit_does(folder):
-    kincal(
-        folder,
-        "model",
-        "export",
-        "--arm",
-        "arm.toml",
-        "--model",
-        "M.toml",
-        "--format",
-        "python",
-        "-o",
-        "o.py",
-    )
+    words = ("--arm", "arm.toml", "--model", "M.toml", "--format", "python", "-o", "o.py")
+    well(folder, "model", "export", *words)
     module = python_module(folder / "o.py")
     arm, data = read_arm(folder / "arm.toml"), wb.read_csv(folder / "poses.csv", 7)
     fit = wb.fit(arm, data, ["backlash[4]", "tag_scale"]).fit
@@ -805,9 +779,9 @@ def test_the_error_at_other_poses_is_that_of_the_exported_code(folder, tmp_path,
 )
 def test_a_model_that_says_nothing_of_other_poses_is_refused(folder, tmp_path, effects, fitted, status, says):
     on = ("--arm", str(folder / "arm.toml"), "--data", str(folder / "poses.csv"), "--model", "M.toml")
-    assert kincal(tmp_path, "model", "add", "--model", "M.toml", *effects).exit_code == 0
+    well(tmp_path, "model", "add", "--model", "M.toml", *effects)
     if fitted:
-        assert kincal(tmp_path, "model", "fit", *on).exit_code == 0
+        well(tmp_path, "model", "fit", *on)
     done = kincal(tmp_path, "model", "predict", *on)
     assert done.exit_code == status and says in done.stderr
     made = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "python", "-o", "o.py")

@@ -8,11 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import poses
 import pytest
-from click.testing import CliRunner
+from commands import good, shell
 from scipy.stats import bootstrap
 
 from kincal import workbench as wb
-from kincal.cli import main
 from kincal.pages import diagnosis as pages
 from kincal.pages import diagnosis_grids as grids
 from kincal.pages import finding_figures, glossary, words
@@ -336,8 +335,7 @@ def test_next_steps_are_commands_that_run(found, tmp_path):
     assert [step.command.split()[2] for step in steps[:2]] == ["add", "fit"]
     for step in steps[:2]:
         words = [word.strip("'") for word in step.command.split()[1:]]
-        done = CliRunner().invoke(main, words)
-        assert done.exit_code == 0, done.output
+        done = good(*words)
     assert "+ backlash[4]" in done.output
 
 
@@ -374,7 +372,7 @@ def test_excluded_poses_are_left_out_and_unknown_ids_refused(found):
 def test_exclude_is_an_option_of_every_command_that_reads_measurements(found):
     args = ["--arm", str(found.folder / "arm.toml"), "--data", str(found.folder / "d.csv"), "--json"]
     ids = ",".join(found.data.ids[:5])
-    done = CliRunner().invoke(main, ["model", "compare", *args, "--exclude", ids])
+    done = shell("model", "compare", *args, "--exclude", ids)
     assert json.loads(done.stdout)["poses"] == found.data.n - 5
 
 
@@ -436,8 +434,7 @@ def test_means_that_say_nothing_are_not_drawn(found):
     middle = float(np.median([b.sigma for b in group.bins]))
     bins = (*group.bins, *group.bins, replace(group.bins[0], x=0.5, sigma=6 * middle))
     figure = finding_figures.findings(
-        [replace(panel, groups=(replace(group, bins=bins),))],
-        Poses.of(found.d.comparison, found.d.final),
+        [replace(panel, groups=(replace(group, bins=bins),))], Poses.of(found.d.comparison, found.d.final)
     )
     [means] = [t for t in figure.data if t.error_y.array is not None]
     assert 0.5 not in means.x
@@ -515,16 +512,10 @@ def test_page_shows_the_finding_before_everything_else(html):
     own = re.sub(r"<nav>.*?</nav>|<script\b.*?</script>", "", html, flags=re.S)
     own = re.sub(r"</?a\b[^>]*>", "", own)  # links of words to the glossary
     order = [
-        "Consistent with backlash[4]",
-        "nominal arm",
-        "after DH calibration",
-        "with the findings",
-        "What to do next",
-        "kincal model fit --arm arm.toml --data d.csv --model M.toml",
-        "kincal model add --model M.toml",
-        "Found: backlash[4]",
-        "Held-out error of the nested models",
-    ]
+        "Consistent with backlash[4]", "nominal arm", "after DH calibration", "with the findings",
+        "What to do next", "kincal model fit --arm arm.toml --data d.csv --model M.toml",
+        "kincal model add --model M.toml", "Found: backlash[4]", "Held-out error of the nested models",
+    ]  # fmt: skip
     places = [own.index(text) for text in order]
     assert places == sorted(places)
 

@@ -1,10 +1,10 @@
 """kincal.flight: the two builds of the core, arms, terms and the model at many poses."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import BIN
 from scipy.spatial.transform import Rotation
 
 from kincal import flight
@@ -24,7 +24,6 @@ from kincal.rotations import Pose, pose_difference
 from kincal_shared.errors import BadInput, CannotAnswer, KincalError
 from kincal_shared.schema.names import PNP, VARIABLES
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 TABLE = {kind: tables.decode((BIN / f"{kind}.tbl").read_bytes())[1] for kind in ("arm", "terms")}
 GRAVITY = (0.0, 0.0, -9.81)
 

@@ -1,9 +1,8 @@
 """Arms, inverse kinematics, camera and kernel of kincal.flight against plain numpy."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from places import BIN
 
 from kincal import rotations
 from kincal.flight import Arm, Model, Observations, Terms, library, tables
@@ -13,21 +12,15 @@ from kincal.flight.ik import Solver
 from kincal.flight.kernel import rotation_correlation, spectral_table
 from kincal.rotations import Pose
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 ARM, CAMERA, TERMS, KERNEL = (
     tables.decode((BIN / f"{kind}.tbl").read_bytes())[1] for kind in ("arm", "camera", "terms", "kernel")
 )
 HALF = np.pi / 2
 # a, alpha, d of the arm, typed here a second time
 WAM = [
-    (0, -HALF, 0),
-    (0, HALF, 0),
-    (0.045, -HALF, 0.55),
-    (-0.045, HALF, 0),
-    (0, -HALF, 0.3),
-    (0, HALF, 0),
+    (0, -HALF, 0), (0, HALF, 0), (0.045, -HALF, 0.55), (-0.045, HALF, 0), (0, -HALF, 0.3), (0, HALF, 0),
     (0, 0, 0.06),
-]
+]  # fmt: skip
 
 
 def dh(theta, d, a, alpha):

@@ -2,28 +2,21 @@
 
 import math
 import re
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from kincal.flight import library
 from kincal.flight.event_format import TYPES, event_text
 
-HEADER = (
-    (Path(__file__).resolve().parents[2] / "fsw" / "tables" / "kc_events.h").read_text().replace("\\\n", " ")
-)
+HEADER = (ROOT / "fsw" / "tables" / "kc_events.h").read_text().replace("\\\n", " ")
 NAMES = {
-    "store": {3: "TERMS table", 16: "proposal"},
-    "state": {4: "OBSERVE"},
-    "command": {1: "START"},
-    "input": {1: "arm", 2: "pan-tilt"},
-    "input_field": {112: "arm q_rad of joint 3"},
-    "cause": {4: "no frame in spite of all retries"},
-    "status": {-7: "KC_ERR_RANGE"},
-    "coefficient": {2: "J1.a_m"},
-    "joint_unit": {1: "rad", 2: "m"},
+    "store": {3: "TERMS table", 16: "proposal"}, "state": {4: "OBSERVE"}, "command": {1: "START"},
+    "input": {1: "arm", 2: "pan-tilt"}, "input_field": {112: "arm q_rad of joint 3"},
+    "cause": {4: "no frame in spite of all retries"}, "status": {-7: "KC_ERR_RANGE"},
+    "coefficient": {2: "J1.a_m"}, "joint_unit": {1: "rad", 2: "m"},
     "entry": {0: "entry", 1000: "term", 2000: "hub"},
-}
+}  # fmt: skip
 
 
 def test_the_enumeration_has_every_event_of_the_header():

@@ -8,10 +8,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import good
 
 from kincal import link
-from kincal.cli import main
 from kincal.flight import library
 from kincal.link import channels, former
 from kincal.run.inprocess import TABLES, Script, Setup, command, simulate
@@ -49,8 +48,7 @@ def test_a_proposal_from_before_has_an_exact_camera(log):
 
 
 def test_the_commands_read_a_log_from_before(log):
-    run = CliRunner().invoke(main, ["log", str(log), "--json"])
-    assert run.exit_code == 0, run.output
+    run = good("log", log, "--json")
     assert json.loads(run.output)["sessions"][0]["proposal"]["verdict"] == "no change needed"
 
 

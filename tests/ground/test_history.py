@@ -1,15 +1,14 @@
 """The history of a mission's tables: from recordings, each read once, and as a page."""
 
 import json
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import good
+from places import BIN
 from samples import sealed, signed
 
 import kcm
 from kincal import tables
-from kincal.cli import main
 from kincal.console.geometry import Geometry
 from kincal.console.past import Past
 from kincal.console.picture import Picture
@@ -20,7 +19,6 @@ from kincal.pages import history as pages
 from kincal.pages.page import Provenance
 from kincal.review import history
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 URL = "udpm://239.255.76.67:7667?ttl=0"
 T0 = 1.8e9
 IMAGE, TERMS = tables.load(BIN / "terms.tbl")
@@ -124,8 +122,7 @@ def test_the_command_says_the_same_and_writes_the_page(tmp_path):
     path = log(tmp_path / "a.lcmlog", (1, hk(0xA)), (2, proposal(0xB, 0.02)), (3, hk(0xB, 1, 3, 0.01)))
     options = ["--tables", BIN, "--keys", tmp_path / "keys", "--report", tmp_path / "h.html"]
     words = ["review", "history", path, *options]
-    done = CliRunner().invoke(main, [str(w) for w in words], env={"COLUMNS": "200"})
-    assert done.exit_code == 0, done.output
+    done = good(*words, env={"COLUMNS": "200"})
     for text in ("0000000b", "correction of session 1", NAMES[0], "1.146", "yes", "one joint reads wrong"):
         assert text in done.output, done.output
     assert "0000000b" in (tmp_path / "h.html").read_text("utf-8")

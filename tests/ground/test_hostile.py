@@ -6,18 +6,17 @@ import json
 import struct
 import time
 import zipfile
-from pathlib import Path
 
 import lcm
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import shell
+from places import BIN
 from rich.console import Console
 from samples import event, proposal, write_log
 
 import kcm
 from kincal import link, review
-from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
 from kincal.cli.text import log as log_text
 from kincal.cli.text import review as review_text
@@ -27,7 +26,6 @@ from kincal.review.status import proposals_in, status
 from kincal.workbench.data.readers import arrays, read_measurements
 from kincal_shared.errors import BadInput, KincalError
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 HEADER = struct.Struct(">4sqqii")
 NUMBERS = (float("nan"), float("inf"), -float("inf"), 1e300, -1e300, 0.0, 1e9, -1.0)
 WHOLE = (-1, 0, 1, 65, 2**15, 10**9, 2**31 - 1, -(2**31))
@@ -147,7 +145,7 @@ def test_a_channel_that_is_no_name_is_shown_as_it_is(tmp_path, name):
     shown = looked_at(path)
     assert "\x1b" not in shown
     assert name.decode("ascii", "replace").strip("\x00\x1b\ufffd") in shown
-    run = CliRunner().invoke(main, ["log", str(path)])
+    run = shell("log", path)
     assert run.exit_code == 0, run.exception
 
 
@@ -162,7 +160,7 @@ def test_a_proposal_that_counts_more_than_it_holds_is_damaged(tmp_path, n_coef):
     begun = time.monotonic()
     assert link.read_log(path).undecodable == {"KC_PROPOSAL": 1}
     for command in (["review", "list"], ["review", "show"], ["log"]):
-        run = CliRunner().invoke(main, [*command, str(path)])
+        run = shell(*command, path)
         assert run.exception is None or isinstance(run.exception, SystemExit), run.exc_info
     assert time.monotonic() - begun < 10.0
 
@@ -181,10 +179,10 @@ def test_a_proposal_with_numbers_that_are_none_is_not_reviewed(tmp_path, change)
     path = record(tmp_path / "x.lcmlog", ("KC_PROPOSAL", p))
     (field,) = change
     for command in (["show", str(path)], ["show", str(path), "--by", "me"]):
-        run = CliRunner().invoke(main, ["review", *command, "--tables", str(BIN)])
+        run = shell("review", *command, "--tables", BIN)
         assert run.exit_code == EXIT_INPUT, run.output
         assert f"no finite numbers: {field}" in run.output
-    assert "fedcba98" in CliRunner().invoke(main, ["review", "list", str(path)]).output
+    assert "fedcba98" in shell("review", "list", path).output
 
 
 @pytest.mark.parametrize("number", [-1, 10**9, 2**31 - 1, -(2**31), 65535, 0])

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import poses
 import pytest
-from click.testing import CliRunner
+from commands import good
 from exports import random_data, unfitted
 
 from kincal import workbench as wb
-from kincal.cli import main
 from kincal.flight import library, tables
 from kincal.workbench.fit.identifiability import identifiability, residual_axes
 from kincal.workbench.model.uplink import coefficients, term_image
@@ -93,26 +92,17 @@ def test_residuals_by_axis_add_up(comparison):
 # ------------------------------------------------------------------------------------------- on one page
 
 
-def run(*words):
-    done = CliRunner().invoke(main, ["model", *map(str, words)])
-    assert done.exit_code == 0, done.output
-    return done
-
-
 def test_compare_says_it_on_one_page(files):
-    text = run("compare", "--arm", files[0], "--data", files[1]).stdout
+    text = good("model", "compare", "--arm", files[0], "--data", files[1]).stdout
     for words in (
-        " of 40 constrained by the data, rank 3",
-        "condition",
-        "base.rz_rad, J1.phi_rad",
-        "by axis",
+        " of 40 constrained by the data, rank 3", "condition", "base.rz_rad, J1.phi_rad", "by axis",
         "reachable",
-    ):
+    ):  # fmt: skip
         assert words in text
 
 
 def test_compare_says_it_as_json(files):
-    answer = json.loads(run("compare", "--arm", files[0], "--data", files[1], "--json").stdout)
+    answer = json.loads(good("model", "compare", "--arm", files[0], "--data", files[1], "--json").stdout)
     found = answer["identifiability"]
     assert found["parameters"] == 40
     assert ["base.rz_rad", "J1.phi_rad"] in found["not_separate"]
@@ -125,7 +115,7 @@ def test_fit_without_a_model_file_is_dh_calibration(files):
     """The same coefficients as with an empty model file, and no file is written."""
     folder = files[0].parent
     before = set(folder.iterdir())
-    answer = json.loads(run("fit", "--arm", files[0], "--data", files[1], "--json").stdout)
+    answer = json.loads(good("model", "fit", "--arm", files[0], "--data", files[1], "--json").stdout)
     assert len(answer["parameters"]) == 40
     assert answer["effects"] == []
     assert answer["rms"]["held"]["pos_mm"] < answer["rms"]["nominal"]["pos_mm"]

@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import lcm
 import pytest
-from click.testing import CliRunner
+from commands import shell, text_of
 from fake_flight import FakeFlight
 from samples import CRC, decided, signed, write_log
 
 import kcm
 from kincal import review
-from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.review import journal as journals
 from kincal_shared import keys
@@ -63,12 +62,12 @@ def change(path, line, **what):
 
 def verify(path, file, *logs):
     given = ["audit", "verify", *map(str, logs), "--journal", str(path), "--keys", str(file)]
-    return CliRunner().invoke(main, given)
+    return shell(*given)
 
 
 def reject(flight, path, file):
     given = ["--by", "me", "--why", "x", "--url", flight.url, "--journal", str(path), "--keys", str(file)]
-    return CliRunner().invoke(main, ["review", "reject", f"{CRC:08x}", *given])
+    return shell("review", "reject", f"{CRC:08x}", *given)
 
 
 # ------------------------------------------------------------------------ the last line
@@ -107,6 +106,15 @@ def test_a_line_appended_without_the_key_is_noticed(journal, file, tmp_path):
     with pytest.raises(BadInput, match="MAC of a line is missing") as refused:
         read(journal, file)
     assert refused.value.where == f"{journal}:4"
+
+
+@pytest.mark.parametrize("instead", [[], ["{"]], ids=["gone", "damaged"])
+def test_a_line_between_others_that_is_gone_or_damaged_is_named(journal, file, instead):
+    lines = journal.read_text().splitlines()
+    journal.write_text("\n".join([lines[0], *instead, lines[2]]) + "\n")
+    with pytest.raises(BadInput, match="journal") as refused:
+        read(journal, file)
+    assert refused.value.where == f"{journal}:2"
 
 
 def test_a_line_that_is_written_differently_is_not_the_line_that_was_signed(journal, file):
@@ -228,12 +236,10 @@ def test_a_last_line_that_is_gone_with_its_mark_is_noticed_by_what_flight_took(j
         path.write_bytes(data)
     assert verify(journal, file).exit_code == 0  # of itself it cannot tell
     run = verify(journal, file, log)
-    text = " ".join(run.output.split())
+    text = text_of(run)
     assert run.exit_code == EXIT_FAILED
     assert f"approve of {CRC:08x} (key 1, counter" in text and "a line is gone after its last line" in text
-    listed = CliRunner().invoke(
-        main, ["review", "list", str(log), "--journal", str(journal), "--keys", str(file)]
-    )
+    listed = shell("review", "list", log, "--journal", journal, "--keys", file)
     assert "NOT in the journal" in listed.output
 
 
@@ -247,7 +253,7 @@ def test_an_override_that_is_not_in_the_journal_is_noticed_and_a_plain_first_ste
     journal = tmp_path / "journal.jsonl"
     assert verify(journal, file, log_of(tmp_path / "plain.lcmlog", armed[:1])).exit_code == 0
     run = verify(journal, file, log_of(tmp_path / "override.lcmlog", armed[1:]))
-    assert run.exit_code == EXIT_FAILED and f"arm of {CRC:08x}" in " ".join(run.output.split())
+    assert run.exit_code == EXIT_FAILED and f"arm of {CRC:08x}" in text_of(run)
 
 
 def test_that_somebody_has_seen_it_does_not_stand_for_a_decision_that_is_gone(journal, file, tmp_path):
@@ -260,7 +266,7 @@ def test_that_somebody_has_seen_it_does_not_stand_for_a_decision_that_is_gone(jo
     signer.counters[kcm.cmd_t.SRC_GROUND] = entry["counter"]
     review.record(journal, journals.SEEN, CRC, "me", "why", "url", None, signer)
     run = verify(journal, file, log)
-    assert run.exit_code == EXIT_FAILED and "a line is gone" in " ".join(run.output.split())
+    assert run.exit_code == EXIT_FAILED and "a line is gone" in text_of(run)
 
 
 def test_what_flight_refused_or_a_stranger_sent_is_not_missed(journal, file, tmp_path):
@@ -282,7 +288,7 @@ def test_lines_of_a_retired_key_are_vouched_for_by_those_after_them(journal, fil
     found = read(journal, file)
     assert found.unconfirmed == 3 and "does not have key 1" in found.why
     run = verify(journal, file)
-    assert run.exit_code == EXIT_FAILED and "lines 1 to 3: nobody can tell" in " ".join(run.output.split())
+    assert run.exit_code == EXIT_FAILED and "lines 1 to 3: nobody can tell" in text_of(run)
     decide(journal, file, CRC)
     found = read(journal, file)
     assert found.unconfirmed == 0 and found.entries[-1].unconfirmed == 3
@@ -322,7 +328,7 @@ def test_a_journal_of_before_lines_had_macs_is_read_and_goes_on(tmp_path, file):
     with FakeFlight(CRC) as flight:
         run = reject(flight, path, file)
     assert run.exit_code == 0, run.output
-    assert "line 1: nobody can tell whether they were changed" in " ".join(run.output.split())
+    assert "line 1: nobody can tell whether they were changed" in text_of(run)
     found = read(path, file)
     assert found.unconfirmed == 0 and [e.unconfirmed for e in found.entries] == [0, 1, 0]
 
@@ -350,23 +356,17 @@ def test_without_keys_the_chain_is_checked_and_that_is_said(journal, tmp_path):
 @pytest.mark.parametrize(
     "text",
     [
-        b"\xff\xfe\n",
-        b"[]\n",
-        b"5\n",
-        b"{}\n",
-        b"[" * 100_000 + b"\n",
-        json.dumps({**OLD, "by": 5}).encode() + b"\n",
-        json.dumps({**OLD, "numbers": []}).encode() + b"\n",
+        b"\xff\xfe\n", b"[]\n", b"5\n", b"{}\n", b"[" * 100_000 + b"\n",
+        json.dumps({**OLD, "by": 5}).encode() + b"\n", json.dumps({**OLD, "numbers": []}).encode() + b"\n",
         json.dumps({**OLD, "session": "x"}).encode() + b"\n",
-        json.dumps({**OLD, "extra": 1}).encode() + b"\n",
-        b'{"session": ' + b"9" * 5000 + b"}\n",
+        json.dumps({**OLD, "extra": 1}).encode() + b"\n", b'{"session": ' + b"9" * 5000 + b"}\n",
     ],
-)
+)  # fmt: skip
 def test_what_is_no_journal_is_refused_with_its_line(tmp_path, file, text):
     path = tmp_path / "j"
     path.write_bytes(text)
     for group, name in (("audit", "verify"), ("review", "list")):
-        run = CliRunner().invoke(main, [group, name, "--journal", str(path), "--keys", str(file)])
+        run = shell(group, name, "--journal", path, "--keys", file)
         assert run.exit_code == EXIT_INPUT and DAMAGED in run.output and f"{path}:1" in run.output
 
 
@@ -437,9 +437,9 @@ def test_without_an_option_it_lies_beside_the_keys_at_home(tmp_path, monkeypatch
         monkeypatch.chdir(tmp_path / folder)
         with FakeFlight(CRC) as flight:
             given = ["--by", "me", "--why", folder, "--url", flight.url]
-            run = CliRunner().invoke(main, ["review", "reject", f"{CRC:08x}", *given])
+            run = shell("review", "reject", f"{CRC:08x}", *given)
         assert run.exit_code == 0, run.output
-    listed = CliRunner().invoke(main, ["review", "list"]).output
+    listed = shell("review", "list").output
     assert "here" in listed and "there" in listed
     assert len(decided(review.check_journal(tmp_path / ".kincal" / "review.jsonl"))) == 2
 
@@ -449,7 +449,7 @@ def test_a_run_that_is_reviewed_with_its_own_keys_has_its_own_journal(tmp_path):
     keys.new(own)
     with FakeFlight(CRC) as flight:
         given = ["--by", "me", "--why", "x", "--url", flight.url, "--keys", str(own)]
-        run = CliRunner().invoke(main, ["review", "reject", f"{CRC:08x}", *given])
+        run = shell("review", "reject", f"{CRC:08x}", *given)
     assert run.exit_code == 0, run.output
     assert read(own.with_name("review.jsonl"), own).unconfirmed == 0
 
@@ -462,7 +462,7 @@ def test_the_decision_of_a_run_is_found_beside_its_log(tmp_path, file):
     keys.write(own, (keys.of_simulation(3),))
     decide(folder / "review.jsonl", own, CRC, "of the run")
     given = ["--journal", str(tmp_path / "mine.jsonl"), "--keys", str(file)]
-    listed = CliRunner().invoke(main, ["review", "list", str(log), *given]).output
+    listed = shell("review", "list", log, *given).output
     assert "of the run" in listed and "nobody can tell" not in listed
     assert verify(tmp_path / "mine.jsonl", file, log).exit_code == 0
     change(folder / "review.jsonl", 0, why="of somebody")

@@ -5,10 +5,9 @@ import os
 import time
 
 import pytest
-from click.testing import CliRunner
+from commands import shell
 
 import kcm
-from kincal.cli import main
 from kincal_shared import keys
 from kincal_shared.errors import BadInput
 
@@ -91,15 +90,10 @@ def test_numbers_of_keys_are_positive_and_fit_a_message(tmp_path, number):
             keys.read(written(tmp_path, f"{wrong} {SECRET}"))
 
 
-def test_a_wrong_line_is_named_by_its_number_and_more_than_four_keys_are_refused(tmp_path):
+def test_a_wrong_line_is_named_by_its_number(tmp_path):
     with pytest.raises(BadInput) as error:
         keys.read(written(tmp_path, f"1 {SECRET}", "2 nonsense"))
     assert error.value.where.endswith("line 3")
-    assert len(keys.read(written(tmp_path, f"1 {SECRET}", f"2 {SECRET}"))) == 2
-    with pytest.raises(BadInput, match="not 5"):
-        keys.read(written(tmp_path, *(f"{k} {SECRET}" for k in (1, 2, 3, 101, 102))))
-    with pytest.raises(BadInput, match="not 0"):
-        keys.read(written(tmp_path))
 
 
 def test_the_key_file_is_the_given_one_or_that_of_the_variable_or_that_at_home(monkeypatch, tmp_path):
@@ -118,19 +112,14 @@ def test_what_an_interrupted_write_left_is_replaced(file):
     assert keys.rotate(file).id == 2
     assert not part.exists()
     assert file.stat().st_mode & 0o777 == 0o600
-    with pytest.raises(BadInput, match="a rotation is under way"):
-        keys.rotate(file)
-    assert keys.retire(file).id == 1
-    assert [key.id for key in keys.read(file)] == [2]
-    with pytest.raises(BadInput, match="there is no other key"):
-        keys.retire(file)
 
 
 def test_a_new_key_makes_its_folder_for_its_owner_only_and_spares_what_is_there(tmp_path):
     path = tmp_path / "a" / "b" / "keys"
     key = keys.new(path)
-    assert path.parent.stat().st_mode & 0o777 == 0o700
-    assert (key.id, len(key.secret)) == (1, 32)
+    assert [p.stat().st_mode & 0o777 for p in (path.parent, path)] == [0o700, 0o600]
+    assert (key.id, len(key.secret)) == (1, 32) and len(set(key.secret)) > 8
+    assert keys.read(path) == (key,) and keys.new(tmp_path / "other").secret != key.secret
     before = path.read_bytes()
     with pytest.raises(BadInput, match="a key file already"):
         keys.new(path)
@@ -141,7 +130,7 @@ def test_each_command_says_which_key_signs(tmp_path, monkeypatch):
     path = tmp_path / "k"
 
     def said(verb, *file):
-        return CliRunner().invoke(main, ["key", verb, *map(str, file)]).output.strip()
+        return shell("key", verb, *file).output.strip()
 
     assert said("new", path).startswith(f"{path}: key 1;")
     assert said("rotate", path).startswith(f"{path}: key 2 added;")
@@ -162,7 +151,7 @@ def test_key_show_has_a_fingerprint_of_each_key_and_no_secret(tmp_path):
     secret = keys.new(files[0]).secret
     keys.write(files[1], keys.read(files[0]))
     keys.new(files[2])
-    shown = [CliRunner().invoke(main, ["key", "show", str(f)]).output.splitlines()[1] for f in files]
+    shown = [shell("key", "show", f).output.splitlines()[1] for f in files]
     assert shown[0] == shown[1] != shown[2]
     mark = shown[0].partition("fingerprint ")[2]
     assert len(mark) == 8 and mark not in secret.hex() and secret.hex() not in "".join(shown)
@@ -192,8 +181,8 @@ def test_a_file_holds_one_to_four_keys_of_different_numbers(tmp_path):
     lines = [f"{n} {SECRET}" for n in range(1, 6)]
     for n in range(1, 5):
         assert len(keys.read(written(tmp_path, *lines[:n]))) == n
-    for wrong in ([], lines, [lines[0], lines[0]]):
-        with pytest.raises(BadInput, match="one to four keys"):
+    for wrong, words in (([], "not 0"), (lines, "not 5"), ([lines[0], lines[0]], "")):
+        with pytest.raises(BadInput, match=f"one to four keys.*{words}"):
             keys.read(written(tmp_path, *wrong))
 
 

@@ -14,12 +14,11 @@ import warnings
 
 import pytest
 import uvicorn
-from click.testing import CliRunner
+from commands import shell, text_of
 from waiting_flight import WaitingFlight
 
 import kcm
 from kincal import link as links
-from kincal.cli import main
 from kincal.console.app import Console, make_app
 from kincal.console.desk import Desk
 from kincal.console.geometry import Geometry
@@ -134,7 +133,7 @@ def audit(flight):
     both = flight.first.with_name("both.keys")
     keys.join(both, (flight.first, flight.second))
     given = ["audit", "verify", "--journal", str(flight.journal), "--keys", str(both)]
-    return CliRunner().invoke(main, given)
+    return shell(*given)
 
 
 def begin(flight, until):
@@ -231,10 +230,8 @@ def test_what_was_begun_and_never_written_to_its_end_is_named(flight):
     found = journal.read(flight.journal, keys.read(flight.second))
     left = journal.unfinished(found.entries)
     assert [(e.command, e.by, e.key_id) for e in left] == [("APPROVE_GO", "B", 101)]
-    shown = CliRunner().invoke(
-        main, ["audit", "log", "--journal", str(flight.journal), "--keys", str(flight.second)]
-    )
-    text = " ".join(shown.output.split())
+    shown = shell("audit", "log", "--journal", flight.journal, "--keys", flight.second)
+    text = text_of(shown)
     assert f"look at: attempt APPROVE_GO {flight.made.text} by B" in text
     assert "nothing says what came of it" in text
 

@@ -3,11 +3,10 @@
 import json
 
 import pytest
-from click.testing import CliRunner
+from commands import good, shell
 from samples import image, write_log
 
 from kincal import link
-from kincal.cli import main
 from kincal.flight import library
 from kincal.link import channels
 from kincal.link.eventfile import event_bytes
@@ -52,7 +51,7 @@ def test_an_image_that_counts_other_bytes_than_it_has_is_damaged(tmp_path, n_byt
         {"KC_IMAGE": 2},
         {"KC_IMAGE": [9, 12]},
     )
-    said = CliRunner().invoke(main, ["log", str(path)]).output
+    said = shell("log", path).output
     assert "3 (2 damaged: events 9, 12)" in said
     with pytest.raises(ValueError, match=f"n_bytes is {n_bytes}, 103 bytes follow"):
         channels.decode("KC_IMAGE", bad)
@@ -62,7 +61,7 @@ def test_an_image_that_counts_other_bytes_than_it_has_is_damaged(tmp_path, n_byt
 def test_of_many_damaged_events_the_first_five_are_named(tmp_path):
     path = tmp_path / "x.lcmlog"
     path.write_bytes(b"".join(event_bytes(n, n, "KC_HK", b"no housekeeping") for n in range(7)))
-    said = CliRunner().invoke(main, ["log", str(path)]).output
+    said = shell("log", path).output
     assert "7 (7 damaged: events 0, 1, 2, 3, 4, ...)" in said
 
 
@@ -73,16 +72,15 @@ def test_events_come_in_words_with_their_values(log):
 
 
 def test_printed_summary_hides_debug_events_unless_asked(log):
-    run = CliRunner().invoke(main, ["log", str(log)])
-    assert run.exit_code == 0, run.output
+    run = good("log", log)
     assert "CAL_TAGS_LOST" in run.output
     assert "DET_NONE" not in run.output
     assert "fedcba98" in run.output
-    assert "DET_NONE" in CliRunner().invoke(main, ["log", str(log), "--debug"]).output
+    assert "DET_NONE" in shell("log", log, "--debug").output
 
 
 def test_json_summary_is_json(log):
-    doc = json.loads(CliRunner().invoke(main, ["log", str(log), "--json"]).output)
+    doc = json.loads(shell("log", log, "--json").output)
     assert doc["sessions"][0]["proposal"]["crc"] == "fedcba98"
     assert doc["refused"] == 1
     assert doc["state"] == "REVIEW"

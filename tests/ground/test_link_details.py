@@ -3,10 +3,10 @@
 import os
 import struct
 import time
-from pathlib import Path
 
 import pytest
 from direct_flight import DirectFlight
+from places import BIN
 from samples import event, progress, proposal
 
 import kcm
@@ -21,7 +21,6 @@ from kincal_shared.errors import BadInput, CommandFailed
 from kincal_sim.ports import private_port, private_url
 
 FLIGHT = library("flight")
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 IMAGE, _ = codec.decode((BIN / "kin.tbl").read_bytes())
 
 

@@ -1,11 +1,10 @@
 """Structs of messages for flight: what the comments of a message file say, and what the build refuses."""
 
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "ground"))
 import lcm_files  # noqa: E402
 import message_structs  # noqa: E402

@@ -2,12 +2,10 @@
 
 import json
 import re
-from pathlib import Path
 
 import gen_notebook
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
+from places import ROOT
 
 pytestmark = pytest.mark.slow
 NOTEBOOK = ROOT / "docs" / "WAM.ipynb"

@@ -1,10 +1,10 @@
 """One command and its verifiers, and how old telemetry is: without a network and without a clock."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 from samples import CRC, event, signed
 
 import kcm
@@ -16,7 +16,6 @@ from kincal.operate import commands
 from kincal.operate.commands import ACCEPTED, DONE, RECEIVED, REFUSED, SENT, UNCERTAIN, Tracked, unmet
 from kincal.operate.snapshot import FRESH, STALE, UNKNOWN, Senders, Snapshot, event_of
 
-ROOT = Path(__file__).resolve().parents[2]
 STATE = library("flight").enum("kc_state_t", "KC_ST_")
 EVENT = library("flight").enum("kc_event_id_t", "KC_EVT_")
 SEQ, UTC = 77, 1.8e9
@@ -35,13 +34,8 @@ def hk(t_s=100.0, state="IDLE", boots=3, kin=1, **fields):
 def ack(opcode, status=0, event_id=0, seq=SEQ, source=2):
     m = kcm.ack_t()
     m.t_us, m.source, m.seq, m.opcode, m.status, m.event_id = (
-        101_000_000,
-        source,
-        seq,
-        opcode,
-        status,
-        event_id,
-    )
+        101_000_000, source, seq, opcode, status, event_id,
+    )  # fmt: skip
     return m
 
 
@@ -376,9 +370,7 @@ def test_nothing_speaks_against_a_start_of_a_healthy_lander():
     ("request_", "fields", "condition", "found"),
     [
         (
-            commands.start(),
-            {"state": "MOVE"},
-            "state IDLE or SAFE",
+            commands.start(), {"state": "MOVE"}, "state IDLE or SAFE",
             "MOVE, by housekeeping received 0.5 s ago",
         ),
         (commands.start(), {"state": "REVIEW"}, "state IDLE or SAFE", "REVIEW"),
@@ -389,37 +381,32 @@ def test_nothing_speaks_against_a_start_of_a_healthy_lander():
         (
             commands.approve_arm(CRC),
             {"state": "REVIEW", "proposal_crc": signed(CRC), "proposal_verdict": 2},
-            "a good fit, or an override",
-            "poor fit",
+            "a good fit, or an override", "poor fit",
         ),
         (commands.approve_go(CRC), {"state": "REVIEW", "proposal_crc": signed(CRC)}, "state ARMED", "REVIEW"),
         (commands.activate("kin", 7), {}, "a staged kin table", "nothing staged"),
         (commands.activate("kin", 7), {"staged_kind": 1}, "a staged kin table", "kind 1 staged"),
         (
-            commands.activate("kin", 7),
-            {"staged_kind": 4, "staged_state": 2},
-            "a staged kin table that flight has checked",
-            "not checked yet",
+            commands.activate("kin", 7), {"staged_kind": 4, "staged_state": 2},
+            "a staged kin table that flight has checked", "not checked yet",
         ),
         (commands.validate("kin", 7), {"staged_kind": 1}, "a staged kin table", "kind 1 staged"),
         (commands.start(poses=-1), {}, f"at most {MOST} poses", "-1 asked for"),
         (commands.start(poses=MOST + 1), {}, f"at most {MOST} poses", f"{MOST + 1} asked for"),
+        (commands.start(poses=2**32 + 1), {}, f"at most {MOST} poses", f"{2**32 + 1} asked for"),
         (commands.rollback(CRC), {"kin": 0}, "correction fedcba98 in force", "no correction is in force"),
         (
-            commands.approve_go(CRC),
-            {"state": "ARMED", "proposal_crc": 5},
-            "correction fedcba98 waits",
+            commands.approve_go(CRC), {"state": "ARMED", "proposal_crc": 5}, "correction fedcba98 waits",
             "00000005",
         ),
         (commands.reject(CRC), {"state": "ARMED"}, "correction fedcba98 waits", "nothing waits"),
         (
             commands.approve_arm(CRC),
             {"state": "REVIEW", "proposal_crc": signed(CRC), "proposal_verdict": 0},
-            "a good fit, or an override",
-            "verdict not known",
+            "a good fit, or an override", "verdict not known",
         ),
     ],  # fmt: skip
-)
+)  # fmt: skip
 def test_an_unmet_condition_is_named_with_what_was_found(request_, fields, condition, found):
     first = unmet(request_, heard(**fields), 10.5)[0]
     assert first.condition == condition and found in first.found and first.todo
@@ -825,13 +812,6 @@ def test_joints_that_are_off_together_are_shown_with_their_probabilities():
     assert text["monitor"] == "joints read wrong together; probability of each: 2 (100%), 4 (94%)"
 
 
-def test_start_from_the_suspects_is_the_fourth_argument():
-    plain = commands.start()
-    assert (plain.arg_i, plain.arg_u64) == ((-1, 0, 1), 0)  # as CONFIG says
-    assert commands.approve_arm(CRC).arg_i == (CRC,)
-    assert commands.start(4, 20, 7, 0x3, suspects=True).arg_i == (4, 20, 7, 1)
-
-
 def test_the_index_by_state_in_operations_has_every_state_and_no_other():
     page = (ROOT / "docs" / "OPERATIONS.md").read_text()
     table = page.partition("## By state")[2].partition("## By symptom")[0]
@@ -879,17 +859,10 @@ ORDER = [SENT, RECEIVED, ACCEPTED, REFUSED, DONE]
 
 
 REQUESTS = [
-    commands.noop(),
-    commands.start(),
-    commands.abort(),
-    commands.approve_arm(CRC, True),
-    commands.approve_go(CRC),
-    commands.reject(CRC),
-    commands.rollback(CRC),
-    commands.validate("kin", CRC),
-    commands.activate("kin", CRC),
-    commands.discard(),
-]
+    commands.noop(), commands.start(), commands.abort(), commands.approve_arm(CRC, True),
+    commands.approve_go(CRC), commands.reject(CRC), commands.rollback(CRC), commands.validate("kin", CRC),
+    commands.activate("kin", CRC), commands.discard(),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("request_", REQUESTS, ids=lambda r: r.opcode)

@@ -4,15 +4,14 @@ core in this process."""
 import re
 import sys
 import threading
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import shell
+from places import ROOT
 from simulated_flight import SimulatedFlight
 from waiting_flight import WaitingFlight
 
 import kcm
-from kincal.cli import main
 from kincal.console.desk import Desk, Words
 from kincal.console.geometry import Geometry
 from kincal.console.picture import Picture
@@ -22,7 +21,6 @@ from kincal_shared.errors import CommandFailed
 from kincal_sim.vision.imagers import fast_imager
 from kincal_sim.world import World
 
-ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tests" / "bench"))
 import alarm  # noqa: E402
 
@@ -41,7 +39,7 @@ def typed(line, on, **given):
     words = []
     for word in line.split():
         words += WORDS if word == "..." else [given.get(word, WORDS[1] if word == "NAME" else word)]
-    run = CliRunner().invoke(main, [*words, *on(words)], env={"COLUMNS": "200"})
+    run = shell(*words, *on(words), env={"COLUMNS": "200"})
     assert run.exit_code == 0, f"kincal {line}: {run.output}"
     return run.output
 
@@ -158,13 +156,13 @@ def test_a_journal_that_was_deleted_with_its_mark_is_no_first_start(made, tmp_pa
     """Flight knows the counters of the key: command line and console say what is missing and what to do."""
     with WaitingFlight(made, tmp_path) as flight:
         common = ["--url", flight.url, "--keys", str(flight.second), "--journal", str(tmp_path / "journal")]
-        first = CliRunner().invoke(main, ["audit", "verify", "--live", *common])
+        first = shell("audit", "verify", "--live", *common)
         assert first.exit_code == 0 and "a first start" in first.output
         # key 1 has commanded before, in the run that left this store
         common[3] = str(flight.first)
         noop = ["command", "noop", "--url", flight.url, "--keys", str(flight.first), *WORDS]
-        assert CliRunner().invoke(main, [*noop, "--journal", str(tmp_path / "other")]).exit_code == 0
-        lost = CliRunner().invoke(main, ["audit", "verify", "--live", *common], env={"COLUMNS": "400"})
+        assert shell(*noop, "--journal", tmp_path / "other").exit_code == 0
+        lost = shell("audit", "verify", "--live", *common, env={"COLUMNS": "400"})
         assert lost.exit_code == 1 and re.search(
             r"accepted commands of key 1 up to counter \d{16}", lost.output
         )
@@ -179,6 +177,6 @@ def test_a_journal_that_was_deleted_with_its_mark_is_no_first_start(made, tmp_pa
             assert len(flight.commands) == asked + 1  # once
             assert [r["name"] for r in picture.page(10**6, 1000)].count("JOURNAL_MISSING") == 1
         comment = ["review", "comment", "only tables so far", "--by", "A", *common[2:]]
-        assert CliRunner().invoke(main, comment).exit_code == 0
+        assert shell(*comment).exit_code == 0
         assert desk.journal_missing() == ""
-        assert CliRunner().invoke(main, ["audit", "verify", "--live", *common]).exit_code == 0
+        assert shell("audit", "verify", "--live", *common).exit_code == 0

@@ -12,22 +12,19 @@ from pathlib import Path
 
 import poses
 import pytest
-from click.testing import CliRunner
-from commands import kincal
+from commands import good, kincal, shell
 from medium import full_medium
+from places import SRC
 
-from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
 from kincal_shared.errors import BadInput
 from kincal_shared.letters import unseen
 from kincal_shared.writing import write_file, write_files
 
-ROOT = Path(__file__).resolve().parents[2]
-
 
 def refused(*args):
     """The error of a command that must not have begun: its other files do not exist."""
-    done = CliRunner().invoke(main, list(map(str, args)))
+    done = shell(*args)
     assert isinstance(done.exception, SystemExit), done.exc_info
     assert done.exit_code == EXIT_INPUT
     return done.stderr
@@ -46,7 +43,7 @@ def test_a_report_of_an_unknown_kind_is_refused_with_what_is_possible(tmp_path, 
 
 @pytest.mark.parametrize("name", ["picture.pdf", "picture.jpg", "picture"])
 def test_a_picture_of_an_unknown_kind_is_refused_with_what_is_possible(tmp_path, name):
-    source = ROOT / "tables" / "src" / "space.toml"
+    source = SRC / "space.toml"
     error = refused("space", "build", source, tmp_path / "space.tbl", "--picture", tmp_path / name)
     assert ".png or .svg" in error
     assert not (tmp_path / "space.tbl").exists()
@@ -62,7 +59,7 @@ COMMANDS = {
     "import": (lambda out: ("arm", "import", "none.urdf", "-o", out)),
     "run": (lambda out: ("run", "paper", "--fast", "--out", out)),
     "schema": (lambda out: ("schema", "--out", out)),
-    "space": (lambda out: ("space", "build", ROOT / "tables" / "src" / "space.toml", out)),
+    "space": (lambda out: ("space", "build", SRC / "space.toml", out)),
     "dump": (lambda out: ("table", "dump", "kin", out)),
 }
 
@@ -91,7 +88,7 @@ def test_a_file_that_cannot_be_written_is_refused():
 def test_a_pipe_that_nobody_reads_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     words = ["review", "comment", "text", "--by", "A", "--journal", str(tmp_path / "pipe")]
-    done = CliRunner().invoke(main, words)
+    done = shell(*words)
     assert done.exit_code == EXIT_INPUT
     assert "nothing can be written there" in done.output
 
@@ -125,7 +122,7 @@ def test_measurements_are_never_written_over(tmp_path, monkeypatch, command, out
     poses.arm_toml(tmp_path / "arm.toml")
     before = poses.poses_csv(tmp_path / "run1.csv", 40, 1).read_bytes()
     (tmp_path / "link.csv").symlink_to("run1.csv")
-    assert kincal("fit", "--arm", "arm.toml", "--data", "run1.csv", "--model", "M.toml").exit_code == 0
+    good("model", "fit", "--arm", "arm.toml", "--data", "run1.csv", "--model", "M.toml")
     done = kincal(*command.split(), "-o", out)
     assert done.exit_code == EXIT_INPUT and "is an input, and would be overwritten" in done.output
     assert (tmp_path / "run1.csv").read_bytes() == before
@@ -144,8 +141,7 @@ def fitted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fitted")
     poses.arm_toml(folder / "arm.toml", masses=False)
     poses.poses_csv(folder / "poses.csv", 40, 5)
-    done = CliRunner().invoke(main, ["model", "fit", *_given(folder), "--model", str(folder / "M.toml")])
-    assert done.exit_code == 0, done.stderr
+    good("model", "fit", *_given(folder), "--model", folder / "M.toml")
     return folder
 
 
@@ -213,7 +209,7 @@ def test_a_link_that_leads_to_itself_is_refused_and_stays(tmp_path, links):
 
 def test_a_link_to_a_file_that_is_not_there_yet_stays_one(tmp_path):
     (tmp_path / "M.toml").symlink_to("new.toml")
-    assert kincal("add", "--model", tmp_path / "M.toml", "base_flex").exit_code == 0
+    good("model", "add", "--model", tmp_path / "M.toml", "base_flex")
     assert (tmp_path / "M.toml").is_symlink() and (tmp_path / "new.toml").is_file()
 
 

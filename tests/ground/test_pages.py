@@ -88,13 +88,8 @@ def test_page_shows_every_pose_and_coefficient(written):
 def test_page_says_where_its_numbers_come_from(written):
     foot = written[".html"].read_text().split("<footer>")[1]
     for text in (
-        "2026-11-22",
-        "kincal 0.1.0",
-        "out/run.lcmlog",
-        "abababababababab",
-        "1a2b3c4d",
-        "<dd>7</dd>",
-    ):
+        "2026-11-22", "kincal 0.1.0", "out/run.lcmlog", "abababababababab", "1a2b3c4d", "<dd>7</dd>",
+    ):  # fmt: skip
         assert text in foot
 
 

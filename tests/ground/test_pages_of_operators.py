@@ -3,14 +3,13 @@ so many arguments, and no option that it needs is missing. Nothing is run."""
 
 import re
 import shlex
-from pathlib import Path
 
 import click
 import pytest
+from places import ROOT
 
 from kincal.cli import main
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGES = ("README.md", "docs/OPERATIONS.md", "docs/CONSOLE.md", "docs/GROUND.md")
 # Of a decision: OPERATIONS says at the beginning that its tables leave them out.
 LEFT_OUT = {"by", "why"}

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import poses
 import pytest
-from real_arms import DATA
+from places import DATA
 from scipy import optimize, stats
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel

@@ -2,12 +2,10 @@
 
 import os
 import subprocess
-from pathlib import Path
 
 import gen_tutorial
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
+from places import ROOT
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import poses
 import pytest
-from real_arms import DATA
+from places import DATA
 
 BENCH = Path(__file__).resolve().parent.parent / "bench" / "real.py"
 NAMES = ["fr3", "ur10d", "ur5", "wam"]

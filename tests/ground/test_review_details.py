@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import shell
 from direct_flight import DirectFlight
+from places import BIN
 from samples import CRC, decided, proposal, sealed, write_log
 
 import kcm
 from kincal import review
-from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED
 from kincal.flight import tables as codec
 from kincal.link import LogEvent, LogSummary, Session
@@ -23,7 +23,6 @@ from kincal.review.thresholds import read_limits, thresholds
 from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 POOR = kcm.proposal_t.POOR
 
 
@@ -51,7 +50,10 @@ def test_a_crc_may_be_any_of_32_bits_and_has_all_its_digits():
     """Fewer digits named another correction: zeros were put before them."""
     given = ("00000000", "00000001", "FFFFFFFF", "0x1a2b3c4d", "0X1a2b3c4d")
     assert [review.parse_crc(text) for text in given] == [0, 1, 0xFFFFFFFF, 0x1A2B3C4D, 0x1A2B3C4D]
-    for wrong in ("0", "1a2b3c4", "100000000", "0x1a2b3c", "1a2b_c4d", "+1a2b3c4", " 1a2b3c4d", "1a2b3c4d\n"):
+    for wrong in (
+        "", "xyz", "-1", "0", "1a2b3c4", "100000000", "0x1a2b3c", "1a2b_c4d", "+1a2b3c4", " 1a2b3c4d",
+        "1a2b3c4d\n",
+    ):  # fmt: skip
         with pytest.raises(BadInput, match="is not a CRC\n  to do: give its eight hex digits"):
             review.parse_crc(wrong)
 
@@ -258,15 +260,6 @@ def log_with(*events, begin_us=1_000_000):
     return summary
 
 
-def test_poses_rejected_between_first_pose_and_proposal_count(good):
-    log = log_with(
-        (999_999, "CAL_OUTLIER", 1), (1_000_000, "CAL_OUTLIER", 7), (9_000_000, "CAL_OUTLIER", 2),
-        (9_000_001, "CAL_OUTLIER", 3),
-    )  # fmt: skip
-    assert status(log, good).rejected == (2, 7)
-    assert status(log, replace(good, session=8)).rejected == ()
-
-
 def test_an_approval_that_expired_can_be_armed_again(good):
     log = log_with((9_500_000, "COR_ARMED", -1))
     assert (status(log, good).armed, status(log, good).waits) == (True, True)
@@ -463,7 +456,9 @@ def test_a_verdict_that_flight_has_lost_is_a_reason_besides_those_that_were_seen
         decisions.arm(flight, f"{CRC:08x}", operator(file)[0])
     assert "calls the fit poor (its numbers do not say why" in str(error.value)
     assert "CAL_EST before it); flight has lost its verdict" in str(error.value)
-    assert decisions.on_board(flight).verdict == ""
+    assert decisions.on_board(flight).verdict == "" and flight.commands == []
+    decisions.arm(flight, f"{CRC:08x}", operator(file)[0], "the log has it")
+    assert flight.commands[0].arg_i[1] == decisions.OVERRIDE
 
 
 def test_a_decision_has_to_be_signed(file, good, signer):
@@ -480,6 +475,9 @@ def test_what_waits_is_said_where_it_is_another_one(file, good, signer, act):
         act(DirectFlight(signer).waits(0x77), f"{CRC:08x}", who)
     with pytest.raises(CommandFailed, match="nothing does"):
         act(DirectFlight(signer), f"{CRC:08x}", who)
+    _, *refused = review.check_journal(file)
+    assert [(e.decision, e.crc) for e in refused] == [("refused", f"{CRC:08x}")] * 2
+    assert "00000077 does" in refused[0].why
 
 
 def test_the_first_step_is_refused_where_it_was_taken_and_the_second_where_it_was_not(file, good, signer):
@@ -488,9 +486,9 @@ def test_the_first_step_is_refused_where_it_was_taken_and_the_second_where_it_wa
     flight.hk.approval_left_us = 60_000_000
     with pytest.raises(CommandFailed, match="armed already, for another 60 s"):
         decisions.arm(flight, f"{CRC:08x}", operator(file)[0])
-    with pytest.raises(CommandFailed, match="not armed"):
+    with pytest.raises(CommandFailed, match=r"is not armed \(or has expired\)") as error:
         decisions.go(DirectFlight(signer).waits(CRC), f"{CRC:08x}", operator(file)[0])
-    assert flight.commands == []
+    assert f"kincal review arm {CRC:08x}" in str(error.value) and flight.commands == []
 
 
 def test_who_has_seen_it_is_named_to_who_has_not(file, good, signer):
@@ -499,20 +497,30 @@ def test_who_has_seen_it_is_named_to_who_has_not(file, good, signer):
     with pytest.raises(BadInput) as error:
         decisions.arm(DirectFlight(signer).waits(CRC), f"{CRC:08x}", operator(file)[0])
     assert error.value.what == f"A. Reviewer has not seen correction {CRC:08x} (seen by B. Second)"
-    decisions.arm(DirectFlight(signer).waits(CRC), f"{CRC:08x}", operator(file, by=" b. second ")[0])
+    flight = DirectFlight(signer).waits(CRC)
+    decisions.arm(flight, f"{CRC:08x}", operator(file, by=" b. second ")[0])
+    with pytest.raises(BadInput, match="A. Reviewer has not seen"):
+        decisions.go(flight, f"{CRC:08x}", operator(file)[0])
+    seen(file, good, signer)
+    decisions.go(flight, f"{CRC:08x}", operator(file)[0])
 
 
-@pytest.mark.parametrize("opcode", ["APPROVE_GO", "REJECT"])
-def test_what_flight_took_is_written_even_if_what_it_brings_is_not_seen(file, good, signer, opcode):
+@pytest.mark.parametrize(
+    ("act", "opcode", "decision", "text"),
+    [
+        (decisions.go, kcm.cmd_t.APPROVE_GO, "approve", "was not seen in housekeeping"),
+        (decisions.reject, kcm.cmd_t.REJECT, "reject", "the end of the proposal did not come"),
+    ],
+)
+def test_what_flight_took_is_written_even_if_what_it_brings_is_not_seen(
+    file, good, signer, act, opcode, decision, text
+):
     seen(file, good, signer)
     flight = DirectFlight(signer).waits(CRC, state=10)
-    flight.ignores = {getattr(kcm.cmd_t, opcode)}
-    act = decisions.go if opcode == "APPROVE_GO" else decisions.reject
-    with pytest.raises(CommandFailed):
+    flight.ignores = {opcode}
+    with pytest.raises(CommandFailed, match=text):
         act(flight, f"{CRC:08x}", operator(file, timeout_s=1.0)[0])
-    assert [e.decision for e in decided(review.check_journal(file))][1:] == [
-        "approve" if opcode == "APPROVE_GO" else "reject"
-    ]
+    assert [e.decision for e in decided(review.check_journal(file))] == ["seen", decision]
 
 
 @pytest.mark.parametrize("opcode", ["APPROVE_ARM", "APPROVE_GO", "REJECT"])
@@ -521,10 +529,15 @@ def test_what_flight_refused_is_written_as_refused(file, good, signer, opcode):
     flight = DirectFlight(signer).waits(CRC, state=9 if opcode == "APPROVE_ARM" else 10)
     flight.refuse = {getattr(kcm.cmd_t, opcode): (-8, 13)}
     act = {"APPROVE_ARM": decisions.arm, "APPROVE_GO": decisions.go, "REJECT": decisions.reject}[opcode]
-    with pytest.raises(CommandFailed, match=f"{opcode} refused"):
+    with pytest.raises(CommandFailed, match=f"{opcode} refused.*CMD_STATE"):
         act(flight, f"{CRC:08x}", operator(file)[0])
-    lines = [(e.decision, e.command) for e in review.check_journal(file)]
-    assert lines == [("seen", ""), ("attempt", opcode), ("refused", opcode)]
+    lines = review.check_journal(file)
+    assert [(e.decision, e.command) for e in lines] == [
+        ("seen", ""),
+        ("attempt", opcode),
+        ("refused", opcode),
+    ]
+    assert f"{opcode} refused" in lines[-1].why and "CMD_STATE" in lines[-1].why
 
 
 def test_a_decision_that_is_not_answered_is_written_as_that(file, good, signer):
@@ -625,7 +638,7 @@ def test_one_journal_of_two_that_nobody_vouches_for_is_enough_to_fail(tmp_path, 
     stranger = keys.Signer(keys.Key(9, b"y" * 32), keys.counting())
     record(log.with_name(journal.NAME), stranger)
     given = ["--journal", str(mine), "--keys", str(key_file)]
-    assert CliRunner().invoke(main, ["audit", "verify", *given]).exit_code == 0
-    run = CliRunner().invoke(main, ["audit", "verify", str(log), *given])
+    assert shell("audit", "verify", *given).exit_code == 0
+    run = shell("audit", "verify", log, *given)
     assert run.exit_code == EXIT_FAILED
     assert f"{mine}: 1 decisions and commands in 1 lines, each line from the holder of the key" in run.output

@@ -2,11 +2,11 @@
 too many, and what to leave out then, in which order and at which cost."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import poses
 import pytest
+from places import BIN
 
 from kincal import workbench as wb
 from kincal.flight import library
@@ -18,7 +18,6 @@ from kincal_shared.errors import BadInput
 from kincal_shared.schema.model import FitEntry
 from kincal_shared.schema.names import PNP
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 FLIGHT = library("flight")
 COMP = FLIGHT.enum("kc_comp_t", "KC_")
 RZ, TX = COMP["RZ"], COMP["TX"]

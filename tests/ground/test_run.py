@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from places import BIN
 from rich.console import Console
 from samples import CRC, progress, proposal, result, signed
 from test_flight_arm import wam
@@ -20,8 +21,6 @@ from kincal.rotations import wxyz_of_matrix
 from kincal_shared import keys
 from kincal_shared.errors import CommandFailed, KincalError
 
-ROOT = Path(__file__).resolve().parents[2]
-BIN = ROOT / "tables" / "bin"
 EXPECTED = run.Expectation("t", "auto", "change", 2e-3, 5e-3)
 
 

@@ -4,13 +4,11 @@ import copy
 import json
 import tomllib
 from functools import cache
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
-from real_arms import DATA
+from commands import shell, text_of
+from places import DATA, ROOT
 
-from kincal.cli import main
 from kincal.flight import library
 from kincal.workbench.model.effects import Library
 from kincal_shared.errors import BadInput
@@ -18,7 +16,6 @@ from kincal_shared.schema import arm, base, errors, files, scenario, space, tabl
 from kincal_shared.schema.errors import SchemaError, read_toml, validate
 from kincal_shared.schema.names import ACQUISITIONS
 
-ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = {
     "arm": ROOT / "ground/kincal_shared/arms/wam.toml",
     "effects": ROOT / "ground/kincal/workbench/model/effects.toml",
@@ -30,35 +27,21 @@ SHIPPED = {
 }
 FRAME = {"xyz_m": [0.0, 0.0, 0.0], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]}
 SIGHT = {
-    "on_tool": True,
-    "points_m": [[0.0, 0.0, 0.0]],
-    "low": [-0.5, -0.3],
-    "high": [0.5, 0.3],
+    "on_tool": True, "points_m": [[0.0, 0.0, 0.0]], "low": [-0.5, -0.3], "high": [0.5, 0.3],
     "focal": [900.0, 900.0],
-}
+}  # fmt: skip
 FIT = {
-    "when": "2026-01-01T00:00:00+00:00",
-    "tool_version": "0.1.0",
-    "arm_sha256": "0" * 64,
-    "data": [{"path": "d.csv", "sha256": "0" * 64}],
-    "poses": 20,
-    "components": 3,
-    "noise_scale": 1.0,
-    "base": FRAME,
-    "tool": FRAME,
-    "sight": SIGHT,
-}
+    "when": "2026-01-01T00:00:00+00:00", "tool_version": "0.1.0", "arm_sha256": "0" * 64,
+    "data": [{"path": "d.csv", "sha256": "0" * 64}], "poses": 20, "components": 3, "noise_scale": 1.0,
+    "base": FRAME, "tool": FRAME, "sight": SIGHT,
+}  # fmt: skip
 VALUES = [{"name": "a.k", "value": 1.0, "std_err": 0.1}]
 # What the shipped files leave out, and the kinds without a shipped file.
 ALSO = {
     "arm": {"target": {"points_m": [[0.0, 0.0, 0.0]]}},
     "data-map": {
-        "columns": {},
-        "units": {},
-        "rotation": {"form": "xyzw", "columns": "quat{}"},
-        "targets": {"columns": [["X", "Y", "Z"]]},
-        "text": {},
-        "ros": {},
+        "columns": {}, "units": {}, "rotation": {"form": "xyzw", "columns": "quat{}"},
+        "targets": {"columns": [["X", "Y", "Z"]]}, "text": {}, "ros": {},
     },
     "model": {
         "history": [{"when": "2026-01-01T00:00:00+00:00", "action": "add", "effects": ["a"], "before": []}],
@@ -76,14 +59,9 @@ ALSO = {
     },
     "scenario": {
         "arm": {"coupling": [{"name": "odd", "joint": "J1", "size_rad": 0.1, "tanh": "J2", "cos": "J3"}]},
-        "env": {},
-        "optics": {},
-        "detection": {},
-        "calibration": {},
-        "executive": {},
-        "expect": {},
+        "env": {}, "optics": {}, "detection": {}, "calibration": {}, "executive": {}, "expect": {},
     },
-}
+}  # fmt: skip
 
 
 @cache
@@ -214,52 +192,34 @@ def arm_with(tmp_path, old, new):
     ("old", "new", "what"),
     [
         (
-            "alpha_rad = -1.5707963267948966",
-            "alpha_deg = -90",
+            "alpha_rad = -1.5707963267948966", "alpha_deg = -90",
             "joint[1].alpha_deg: unknown key; write alpha_rad in radians: alpha_rad = -1.5708",
         ),
+        ("d_m = 0.55", "d_mm = 550", "joint[3].d_mm: unknown key; write d_m in metres: d_m = 0.55"),
+        ("estimate = false", "estimated = true", "base.estimated: unknown key; write estimate = true"),
         (
-            "d_m = 0.55",
-            "d_mm = 550",
-            "joint[3].d_mm: unknown key; write d_m in metres: d_m = 0.55",
-        ),
-        (
-            "estimate = false",
-            "estimated = true",
-            "base.estimated: unknown key; write estimate = true",
-        ),
-        (
-            'convention = "standard"\n',
-            "",
+            'convention = "standard"\n', "",
             'convention: is missing; write convention = "standard" or convention = "modified"',
         ),
         (
-            "gear_ratio = 42.0",
-            "gear_ration = 42.0",
+            "gear_ratio = 42.0", "gear_ration = 42.0",
             "joint[1].gear_ration: unknown key; write gear_ratio = 42.0",
         ),
         (
-            'convention = "standard"',
-            'convention = "modifed"',
+            'convention = "standard"', 'convention = "modifed"',
             'convention: is "modifed"; write "standard" or "modified"; nearest is "modified"',
         ),
         (
-            "alpha_rad = -1.5707963267948966",
-            "alpha = -1.57",
+            "alpha_rad = -1.5707963267948966", "alpha = -1.57",
             "joint[1].alpha: unknown key; write alpha_rad (in radians)",
         ),
         ("phi_rad = 0.0", "theta_rad = 0.0", "joint[1].theta_rad: unknown key; write phi_rad"),
         ("a_m = 0.045", "a_m = nan", "joint[3].a_m: is nan, a finite number is needed"),
         ("a_m = 0.045", "a_m = true", "joint[3].a_m: a number is needed"),
         ("a_m = 0.045", 'a_m = "4 cm"', "joint[3].a_m: cannot work out '4 cm'; use numbers"),
+        ("q_max_rad = 2.0", "q_max_rad = -2.0", "joint[2].q_min_rad: is -2, which is not below q_max_rad -2"),
         (
-            "q_max_rad = 2.0",
-            "q_max_rad = -2.0",
-            "joint[2].q_min_rad: is -2, which is not below q_max_rad -2",
-        ),
-        (
-            "q_min_rad = -2.6",
-            "q_min_m = -2.6",
+            "q_min_rad = -2.6", "q_min_m = -2.6",
             "joint[1].q_min_m: is in metres, but the joint is revolute; write q_min_rad, or type = ",
         ),
         (
@@ -268,13 +228,11 @@ def arm_with(tmp_path, old, new):
             "joint[3].mass_kg: is missing, but other joints have masses; give every joint mass_kg and com_m",
         ),
         (
-            "com_m = [-0.03826, 0.20751, 3e-05]\n",
-            "",
+            "com_m = [-0.03826, 0.20751, 3e-05]\n", "",
             "joint[3].com_m: is missing beside mass_kg; write both or neither",
         ),
         (
-            "quat_wxyz = [1.0, 0.0, 0.0, 0.0]",
-            "quat_wxyz = [1.0, 0.1, 0.0, 0.0]",
+            "quat_wxyz = [1.0, 0.0, 0.0, 0.0]", "quat_wxyz = [1.0, 0.1, 0.0, 0.0]",
             "base.quat_wxyz: has norm 1.00499, 1 is needed",
         ),
         (
@@ -286,22 +244,19 @@ def arm_with(tmp_path, old, new):
         ("[sensor]", "[camera]", "camera: unknown key; cx_px, cy_px, fx_px, fy_px belong in [sensor]"),
         ("fx_px = 1397.0\n", "", "sensor.fx_px: is missing; fx_px, fy_px, cx_px, cy_px belong together"),
         (
-            "[sensor]",
-            "[sensor]\ngravity_m_s2 = [0, 0, -1.3]",
+            "[sensor]", "[sensor]\ngravity_m_s2 = [0, 0, -1.3]",
             "sensor.gravity_m_s2: unknown key; gravity_m_s2 belongs at the top of the file, above the",
         ),
         (
-            "alpha_rad = -1.5707963267948966",
-            "alpha_rad = -90",
+            "alpha_rad = -1.5707963267948966", "alpha_rad = -90",
             "joint[1].alpha_rad: is -90, must be -6.28319 or more; in radians, -90 degrees are -1.5708",
         ),
         (
-            "estimate = false",
-            'estimate = "true"',
+            "estimate = false", 'estimate = "true"',
             'base.estimate: is "true", true or false is needed; write true without quotes',
         ),
     ],
-)
+)  # fmt: skip
 def test_wrong_arm_is_refused_with_path_and_what_to_write(tmp_path, old, new, what):
     assert arm_with(tmp_path, old, new).startswith(what)
 
@@ -393,15 +348,15 @@ def test_every_toml_of_the_project_is_of_a_known_kind():
 
 
 def test_schema_of_a_kind_is_shown_and_all_are_written(tmp_path):
-    shown = CliRunner().invoke(main, ["schema", "scenario"])
+    shown = shell("schema", "scenario")
     assert json.loads(shown.output)["$id"] == "scenario.schema.json"
-    assert CliRunner().invoke(main, ["schema", "-o", str(tmp_path)]).exit_code == 0
+    assert shell("schema", "-o", tmp_path).exit_code == 0
     assert {p.name.split(".")[0] for p in tmp_path.iterdir()} == set(files.FILES)
     assert (tmp_path / "scenario.schema.json").read_text() == shown.output
 
 
 def test_kinds_of_files_are_listed_each_with_what_it_is():
-    lines = CliRunner().invoke(main, ["schema"]).output.splitlines()
+    lines = shell("schema").output.splitlines()
     assert [line.split()[0] for line in lines] == sorted(files.FILES)
     assert all(len(line.split()) > 2 for line in lines)
 
@@ -411,9 +366,9 @@ def test_kinds_of_files_are_listed_each_with_what_it_is():
     [(["arms"], "no kind of file 'arms'; there are arm,"), (["arm", "-o", "x"], "or -o FOLDER to write all")],
 )
 def test_a_wrong_question_for_a_schema_says_what_there_is(given, complaint):
-    asked = CliRunner().invoke(main, ["schema", *given])
+    asked = shell("schema", *given)
     assert asked.exit_code == 2
-    assert complaint in " ".join(asked.output.split())
+    assert complaint in text_of(asked)
 
 
 # --------------------------------------------------------------------------- the headers say the same
@@ -515,13 +470,11 @@ basis = "q[j]"
     [
         ('basis = "q[j]"', 'basis = "sinh(q[j])"', "'sinh' is no function; there are lin, sin"),
         (
-            'basis = "q[j]"',
-            'basis = "q[i]"',
+            'basis = "q[j]"', 'basis = "q[i]"',
             'basis (mine): names joint i, which per = "joint" does not have',
         ),
         (
-            'basis = "q[j]"',
-            'basis = "t/$tau"',
+            'basis = "q[j]"', 'basis = "t/$tau"',
             "uses $tau, which has no value; add it to [effect.grid]: tau = [...]",
         ),
         ('at = "joint[j]"', 'at = "elbow"', "at = 'elbow' is no place; write one of joint[j]"),
@@ -534,22 +487,19 @@ basis = "q[j]"
         ),
         ("sigma = 1e-3", "sigma = 0", "sigma (mine): is 0, must be above 0"),
         (
-            'per = "joint"',
-            'per = "joint"\nneeds = ["warmth"]',
+            'per = "joint"', 'per = "joint"\nneeds = ["warmth"]',
             "'warmth' is nothing that data or arm tables hold",
         ),
         (
-            'per = "joint"',
-            'per = "joint"\npairs = [[1, 2]]',
+            'per = "joint"', 'per = "joint"\npairs = [[1, 2]]',
             'pairs (mine): stands in an effect with per = "joint"',
         ),
         (
-            'per = "joint"',
-            'per = "joint"\nequivalent = "x"',
+            'per = "joint"', 'per = "joint"\nequivalent = "x"',
             "equivalent (mine): unknown key; write equivalent_to",
         ),
     ],
-)
+)  # fmt: skip
 def test_wrong_effect_is_refused_by_its_name(tmp_path, old, new, what):
     assert old in MINE
     path = tmp_path / "mine.toml"

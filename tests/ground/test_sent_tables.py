@@ -1,19 +1,17 @@
 """Tables that are sent or read back stand in the journal, as every signed command: the attempt before, what
 came of it after; on the command line, in the console, and where the journal is checked."""
 
-from pathlib import Path
-
 import pytest
-from click.testing import CliRunner
+from commands import shell, text_of
 from direct_flight import DirectFlight
 from fake_flight import FakeFlight
+from places import BIN
 from samples import signed
 from test_journal import log_of
 
 import kcm
 from kincal import tables
 from kincal.api import operate
-from kincal.cli import main
 from kincal.flight.tables import kind_number
 from kincal.pages import history as pages
 from kincal.pages.page import Provenance
@@ -21,7 +19,6 @@ from kincal.review import decisions, history, journal
 from kincal_shared.errors import BadInput, CommandFailed, NoAnswer
 from kincal_shared.keys import signer_of
 
-BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 CONFIG = tables.load(BIN / "config.tbl")[0]
 NUMBER = kind_number("config")
 CMD = kcm.cmd_t
@@ -41,10 +38,6 @@ def flight(own_key_file):
 
 def lines(who, key_file):
     return journal.read(who.journal, signer_of(key_file).known).entries
-
-
-def run(*args):
-    return CliRunner().invoke(main, [str(a) for a in args])
 
 
 def test_an_uplink_is_written_before_and_after(flight, who, own_key_file):
@@ -70,17 +63,6 @@ def test_a_refused_uplink_is_written_as_refused_with_the_reason(flight, who, own
     last = lines(who, own_key_file)[-1]
     assert last.words == "refused: put the CONFIG table in force" and "TBL_BUSY" in last.why
     assert journal.unfinished(lines(who, own_key_file)) == []
-
-
-def test_an_uplink_without_an_answer_is_written_as_that(flight, who, own_key_file, monkeypatch):
-    monkeypatch.setattr(flight, "command", silent)
-    with pytest.raises(NoAnswer):
-        operate.uplink(flight, CONFIG, who, 5.0)
-    assert lines(who, own_key_file)[-1].words == "unanswered: put the CONFIG table in force"
-
-
-def silent(opcode, *_):
-    raise NoAnswer(f"no answer to {opcode}")
 
 
 def test_what_flight_has_taken_is_written_though_its_crc_is_not_seen(flight, who, own_key_file):
@@ -139,16 +121,16 @@ def test_the_command_line_writes_who_and_why(tmp_path, own_key_file):
     named = ("--keys", own_key_file, "--by", "A. Operator", "--why", "new plan")
     with FakeFlight() as flight:
         to = ("--url", flight.url, *named)
-        assert run("table", "uplink", BIN / "config.tbl", *to).exit_code == 0
-        assert run("table", "dump", "config", tmp_path / "back.tbl", *to).exit_code == 0
+        assert shell("table", "uplink", BIN / "config.tbl", *to).exit_code == 0
+        assert shell("table", "dump", "config", tmp_path / "back.tbl", *to).exit_code == 0
     with FakeFlight(refuse=(CMD.TABLE_VALIDATE,)) as flight:
-        assert run("table", "uplink", BIN / "config.tbl", "--url", flight.url, *named).exit_code == 1
-    listed = " ".join(run("audit", "log", "--keys", own_key_file).output.split())
+        assert shell("table", "uplink", BIN / "config.tbl", "--url", flight.url, *named).exit_code == 1
+    listed = " ".join(shell("audit", "log", "--keys", own_key_file).output.split())
     put = "put the CONFIG table in force"
     said = (f"attempt: {put}", "CONFIG table put in force", "CONFIG table read back", f"refused: {put}")
     for words in (*said, "A. Operator", "new plan"):
         assert words in listed
-    verified = run("audit", "verify", "--keys", own_key_file)
+    verified = shell("audit", "verify", "--keys", own_key_file)
     assert verified.exit_code == 0 and "2 decisions and commands in 6 lines" in " ".join(
         verified.output.split()
     )
@@ -169,8 +151,8 @@ def test_what_flight_took_and_the_journal_lacks_is_named(own_key_file, tmp_path,
     m.source, m.opcode, m.seq = m.SRC_GROUND, opcode, 7
     m.arg_i = [signed(a) for a in args] + [0] * (4 - len(args))
     log = log_of(tmp_path / "run.lcmlog", [signer_of(own_key_file).command(m)])
-    found = run("audit", "verify", log, "--keys", own_key_file)
-    assert found.exit_code == 1 and f"{said} (key 1, counter" in " ".join(found.output.split())
+    found = shell("audit", "verify", log, "--keys", own_key_file)
+    assert found.exit_code == 1 and f"{said} (key 1, counter" in text_of(found)
 
 
 def test_the_history_lists_what_was_sent_in_words(flight, who, own_key_file):

@@ -1,10 +1,10 @@
 """Search spaces: every candidate keeps what its description promises, checked by plain numpy."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import BIN, SRC
 from scipy.optimize import least_squares
 from test_flight_arm import wam
 
@@ -13,9 +13,8 @@ from kincal.flight import tables as codec
 from kincal.rotations import Pose, matrix_of_wxyz
 from kincal_shared.errors import KincalError
 
-ROOT = Path(__file__).resolve().parents[2]
-SRC, BIN = ROOT / "tables" / "src" / "space.toml", ROOT / "tables" / "bin"
-DESC = space.read_description(SRC)
+SPACE = SRC / "space.toml"
+DESC = space.read_description(SPACE)
 N_LOCAL = len(DESC.joints.local_initial_rad)
 SMALL = DESC.model_copy(update={"candidates": 12, "samples": 250, "seed": 5})
 
@@ -335,62 +334,54 @@ def test_same_description_gives_the_same_table_by_any_number_of_processes_and_an
         ("candidates = 300", "candidates = 2000", "candidates: is 2000, must be 1024 or less"),
         ("candidates = 300", "candidate = 300", "candidate: unknown key; write candidates"),
         (
-            "incid_max_rad   = 0.873",
-            "incid_max_deg = 50",
+            "incid_max_rad   = 0.873", "incid_max_deg = 50",
             "incid_max_rad in radians: incid_max_rad = 0.872665",
         ),
         ("incid_max_rad   = 0.873", "incid_max_rad = 50.0", "in radians, 50 degrees are 0.872665"),
         ('kind  = "space"', 'kind  = "arm"', "not a search space"),
         ("step_rad       = 0.1", "step_rad       = 0.0", "clear.step_rad: is 0.0, must be above 0"),
         (
-            "box_max_m = [0.95,",
-            "box_max_m = [0.2,",
+            "box_max_m = [0.95,", "box_max_m = [0.2,",
             "tool.box_min_m: leaves no room along x: 0.3 is not below",
         ),
         ("box_max_m = [0.95,", "box_max_m = [950,", r"tool.box_max_m\[1\]: is 950, must be 10 or less"),
         (
-            "range_min_m     = 0.4",
-            "range_min_m     = 1.8",
+            "range_min_m     = 0.4", "range_min_m     = 1.8",
             "range_min_m: is 1.8, which is not below range_max_m",
         ),
         ('"J7.phi_rad" = 1.3', '"J7.phi_deg" = 75', "error_bounds.case: 'J7.phi_deg' is no DH error"),
         ("phi_rad   = [0.1,", "phi_rad   = [-0.1,", r"error_bounds.phi_rad\[1\]: is -0.1, must be 0 or more"),
         (
-            "half_m = [0.50, 0.70, 0.04]",
-            "half_m = [0.50, -0.70, 0.04]",
+            "half_m = [0.50, 0.70, 0.04]", "half_m = [0.50, -0.70, 0.04]",
             r"keep_out\[2\].half_m: must be above 0",
         ),
         ("half_m = [0.50, 0.70, 0.04]", "radius_m = 0.5", "kind 'box' takes centre_m and half_m"),
         ('name = "shoulder"', 'name = "turret"', "two shapes or volumes are called 'turret'"),
         ("[-0.35, 0.45, 1.13]", "[-0.35, 0.45]", r"keep_out\[4\].end_m: has 2 entries, 3 are needed"),
         (
-            '["stem", "scoop"]',
-            '["stem", "scop"]',
+            '["stem", "scoop"]', '["stem", "scop"]',
             r"collision_exclusions\[4\]: names 'scop', which is no shape",
         ),
         ("seed       = 20240601", "seed       = -4", "seed: is -4"),
         (
-            "reserve = [5,",
-            f"reserve = [{N_LOCAL + 1},",
+            "reserve = [5,", f"reserve = [{N_LOCAL + 1},",
             f"is {N_LOCAL + 1}, there are {N_LOCAL} local initial",
         ),
         ("reserve = [5,", "reserve = [0,", r"joints.reserve\[1\]: is 0, must be 1 or more"),
         (
-            "initial_poses     = 3 ",
-            "initial_poses = 8 ",
+            "initial_poses     = 3 ", "initial_poses = 8 ",
             f"is 8, with {N_LOCAL} local ones; the table has room for 32",
         ),
         (
-            "candidates = 300",
-            "candidates = 1010",
+            "candidates = 300", "candidates = 1010",
             f"is 1010, with {N_LOCAL} local initial poses; the table has",
         ),
     ],
-)
+)  # fmt: skip
 def test_wrong_description_is_refused_by_field(tmp_path, old, new, what):
     path = tmp_path / "space.toml"
-    assert old in SRC.read_text()
-    path.write_text(SRC.read_text().replace(old, new, 1))
+    assert old in SPACE.read_text()
+    path.write_text(SPACE.read_text().replace(old, new, 1))
     with pytest.raises(KincalError, match=what) as refused:
         space.read_description(path)
     assert refused.value.where == str(path)

@@ -1,24 +1,22 @@
 """Questions to a search space: explain, check, compare, information, separability, figures."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import shell
+from places import BIN, SRC
 from test_flight_arm import wam
 
 from kincal import link, space, tables
-from kincal.cli import main
 from kincal.flight import library
 from kincal.pages import image, space_figures
 from kincal.pages import space as pages
 from kincal.pages.page import Provenance
 from kincal_shared.errors import KincalError
 
-ROOT = Path(__file__).resolve().parents[2]
-SRC, BIN = ROOT / "tables" / "src" / "space.toml", ROOT / "tables" / "bin"
-DESC = space.read_description(SRC)
+SPACE = SRC / "space.toml"
+DESC = space.read_description(SPACE)
 TABLES = space.TablesFolder(BIN)
 
 
@@ -41,7 +39,7 @@ def checks():
 
 
 def run(*words):
-    return CliRunner().invoke(main, [str(w) for w in words])
+    return shell(*words)
 
 
 def few(committed, ids):
@@ -111,10 +109,7 @@ PARK = np.array(DESC.joints.hubs_rad[0])
 
 
 def test_check_verifies_local_poses_again(committed, checks):
-    table = with_local(
-        few(committed, [0, 5]),
-        [(PARK, LOCAL), (PARK + 0.2 * np.eye(7)[6], LOCAL | RESERVE)],
-    )
+    table = with_local(few(committed, [0, 5]), [(PARK, LOCAL), (PARK + 0.2 * np.eye(7)[6], LOCAL | RESERVE)])
     with space.WorkerPool(checks, 1) as pool:
         assert space.recheck(checks, pool, view(table)).ok
         table.cand[2].q_seed[5] += 1.2  # the wrist turns the tags away
@@ -218,7 +213,7 @@ def test_information_names_what_a_small_space_cannot_identify(committed):
 
 def test_a_space_too_small_for_the_model_names_what_it_cannot_identify(tmp_path):
     """Four poses give 24 equations for 28 coefficients: from description to answer by commands alone."""
-    text = SRC.read_text().replace("candidates = 300", "candidates = 4").replace("= 50000", "= 2000")
+    text = SPACE.read_text().replace("candidates = 300", "candidates = 4").replace("= 50000", "= 2000")
     about = tmp_path / "small.toml"
     about.write_text(text)
     table = tmp_path / "small.tbl"
@@ -281,7 +276,7 @@ def test_commands_answer_with_text_and_status(tmp_path, committed):
     image = tables.encode("space", few(committed, [7, 8, 9, 10]))
     link.write_image(image, small)
     where = ("--tables", BIN)
-    about = ("--description", SRC)
+    about = ("--description", SPACE)
     table = BIN / "space.tbl"
     done = run("space", "explain", table, 0, *where, *about)
     assert done.exit_code == 0

@@ -6,12 +6,11 @@ import sys
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from kincal.link.channels import message_type
 from kincal.run.inprocess import Setup, Tick, simulate
-from kincal_shared import installation
 
-ROOT = installation.root()
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
 import cases  # noqa: E402
@@ -260,14 +259,8 @@ def test_tables_say_what_the_runs_cost():
     assert cells(costs, "`ucb`")[1:4] == ["3 of 3", "4 / 4", "4 / 4"]
     assert cells(costs, "`random`")[1:5] == ["2 of 3", "3 / > 3", "3 / never", "30 / never"]
     assert cells(study_report.baseline_table(made), "the paper's errors | `dopt`")[2:] == [
-        "3",
-        "0",
-        "0",
-        "0.25",
-        "3",
-        "0",
-        "0.25",
-    ]
+        "3", "0", "0", "0.25", "3", "0", "0.25",
+    ]  # fmt: skip
     ratios = cells(study_report.ratio_table(made), "the paper's errors | `dopt`")
     assert ratios[2:] == ["0.50", "0.50", "0.50", "0.25"]
     assert "figaroh" not in study_report.page_parts(made)["designs"]

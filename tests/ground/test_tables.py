@@ -7,17 +7,14 @@ import zlib
 from pathlib import Path
 
 import pytest
+from places import BIN, SRC
 
 from kincal import tables
 from kincal.cli.errors import EXIT_INPUT, exit_status
 from kincal.flight import event_line, library
 from kincal.flight import tables as codec
 from kincal_shared.errors import BadInput, KincalError
-from kincal_shared.schema.numbers import number
 
-ROOT = Path(__file__).resolve().parents[2]
-SRC = ROOT / "tables" / "src"
-BIN = ROOT / "tables" / "bin"
 FLIGHT = library("flight")
 QUICK = ("arm", "camera", "terms", "kin", "kernel", "config")
 
@@ -110,26 +107,6 @@ def test_kernel_sets_are_the_grid_with_unit_variance_at_zero_distance():
     for h in kernel.hyper[0 : kernel.n_hyper]:
         # U_n(1) = n + 1
         assert math.isclose(sum((n + 1) * h.w[n] for n in range(h.n_w)), 1.0, rel_tol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("-pi/2", -math.pi / 2),
-        ("25*deg", math.radians(25)),
-        ("cos(pi/3)", 0.5),
-        ("2**-1", 0.5),
-        ("sqrt(2)*1e-3", 1.4142135623730951e-3),
-    ],
-)
-def test_expression_is_worked_out(text, value):
-    assert number(text) == pytest.approx(value, rel=1e-15)
-
-
-@pytest.mark.parametrize("text", ["__import__('os')", "q", "1/0", "pi(", "(1).real", "10**10**10**10", "[1]"])
-def test_expression_that_is_none_is_refused(text):
-    with pytest.raises(KincalError, match="cannot work out"):
-        number(text, "here")
 
 
 @pytest.mark.parametrize(
@@ -227,15 +204,12 @@ def test_terms_are_shown_in_the_grammar_of_their_source():
 @pytest.mark.parametrize(
     ("damage", "what"),
     [
-        (lambda d: d[:10], "not a table image"),
-        (lambda d: b"XXXX" + d[4:], "not a table image"),
-        (lambda d: d[:4] + b"\x63\0" + d[6:], "unknown table kind 99"),
-        (lambda d: d[:-1], "KC_ERR_FORMAT"),
-        (lambda d: d + b"\0", "KC_ERR_FORMAT"),
-        (lambda d: d[:-1] + bytes([d[-1] ^ 1]), "KC_ERR_CRC"),
+        (lambda d: d[:10], "not a table image"), (lambda d: b"XXXX" + d[4:], "not a table image"),
+        (lambda d: d[:4] + b"\x63\0" + d[6:], "unknown table kind 99"), (lambda d: d[:-1], "KC_ERR_FORMAT"),
+        (lambda d: d + b"\0", "KC_ERR_FORMAT"), (lambda d: d[:-1] + bytes([d[-1] ^ 1]), "KC_ERR_CRC"),
         (lambda d: d[:6] + b"\x02\0" + d[8:], "KC_ERR_FORMAT"),
     ],
-)
+)  # fmt: skip
 def test_damaged_image_is_refused(damage, what):
     with pytest.raises(KincalError, match=what):
         codec.decode(damage((BIN / "arm.tbl").read_bytes()), "somewhere")

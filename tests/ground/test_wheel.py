@@ -7,7 +7,6 @@ import ctypes
 import json
 import struct
 import zipfile
-from pathlib import Path
 
 import click
 import numpy as np
@@ -15,10 +14,10 @@ import poses
 import pytest
 from commands import FIGURES
 from environments import forked, run
+from places import ROOT
 
 from kincal.cli import main
 
-ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.slow
 
 URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two"/>
@@ -100,84 +99,51 @@ GIVEN = ("--arm", "arm.toml", "--data", "poses.csv")
 RUN_LOG = "run/run.lcmlog"
 # command -> arguments; runs in the user's folder
 CALLS = {
-    "table build": ("{tables}/src/config.toml", "new/config.tbl"),
-    "table show": ("{tables}/bin/arm.tbl",),
+    "table build": ("{tables}/src/config.toml", "new/config.tbl"), "table show": ("{tables}/bin/arm.tbl",),
     "table check": ("{tables}/bin/arm.tbl",),
     "table diff": ("{tables}/src/config.toml", "{tables}/bin/config.tbl"),
-    "table uplink": ("{tables}/bin/config.tbl", *NOBODY),
-    "table dump": ("kin", "new/kin.tbl", *NOBODY),
+    "table uplink": ("{tables}/bin/config.tbl", *NOBODY), "table dump": ("kin", "new/kin.tbl", *NOBODY),
     "space build": ("{tables}/src/space.toml", "new/space.tbl"),
     "space show": ("{tables}/bin/space.tbl", "--picture", "new/space.png"),
-    "space explain": ("{tables}/bin/space.tbl", "17"),
-    "space check": ("{tables}/bin/space.tbl",),
+    "space explain": ("{tables}/bin/space.tbl", "17"), "space check": ("{tables}/bin/space.tbl",),
     "space diff": ("{tables}/bin/space.tbl", "{tables}/bin/space.tbl"),
-    "space information": ("{tables}/bin/space.tbl",),
-    "space separability": ("{tables}/bin/space.tbl",),
+    "space information": ("{tables}/bin/space.tbl",), "space separability": ("{tables}/bin/space.tbl",),
     "run": ("healthy", "--fast", "--no-compare", "--out", "new/run"),
-    "campaign run": ("small.toml", "--out", "campaign"),
-    "campaign report": ("campaign",),
-    "campaign replay": ("campaign", "0"),
-    "log": (RUN_LOG,),
-    "review list": (RUN_LOG,),
-    "review show": (RUN_LOG, "--picture", "new/review.png"),
-    "audit verify": (RUN_LOG,),
+    "campaign run": ("small.toml", "--out", "campaign"), "campaign report": ("campaign",),
+    "campaign replay": ("campaign", "0"), "log": (RUN_LOG,), "review list": (RUN_LOG,),
+    "review show": (RUN_LOG, "--picture", "new/review.png"), "audit verify": (RUN_LOG,),
     "review arm": ("12345678", "--by", "me", "--why", "because", *NOBODY),
     "review go": ("12345678", "--by", "me", "--why", "because", *NOBODY),
     "review reject": ("12345678", "--by", "me", "--why", "because", *NOBODY),
-    "review comment": ("looks good", "--by", "me"),
-    "review history": (RUN_LOG,),
-    "review watch": ("--live", "--seconds", "0.2", *NOBODY[:2]),
-    "audit log": (),
-    "command noop": NOBODY,
-    "command start": NOBODY,
-    "command abort": NOBODY,
-    "command rollback": NOBODY,
-    "command validate": ("config", "12345678", *NOBODY),
-    "command activate": ("config", "12345678", *NOBODY),
-    "command discard": NOBODY,
-    "command arm": ("12345678", "--by", "me", "--why", "because", *NOBODY),
+    "review comment": ("looks good", "--by", "me"), "review history": (RUN_LOG,),
+    "review watch": ("--live", "--seconds", "0.2", *NOBODY[:2]), "audit log": (), "command noop": NOBODY,
+    "command start": NOBODY, "command abort": NOBODY, "command rollback": NOBODY,
+    "command validate": ("config", "12345678", *NOBODY), "command activate": ("config", "12345678", *NOBODY),
+    "command discard": NOBODY, "command arm": ("12345678", "--by", "me", "--why", "because", *NOBODY),
     "command go": ("12345678", "--by", "me", "--why", "because", *NOBODY),
     "command reject": ("12345678", "--by", "me", "--why", "because", *NOBODY),
-    "command dump": ("kin", "new/kin.tbl", *NOBODY),
-    "status": ("--seconds", "0.2", *NOBODY[:2]),
-    "record": ("--folder", "new/recordings", "--seconds", "0.5", *NOBODY[:2]),
-    "key new": ("new/keys",),
-    "key rotate": ("new/keys",),
-    "key show": ("new/keys",),
-    "key join": ("new/keys", "-o", "new/flight.keys"),
-    "key retire": ("new/keys",),
-    "export xtce": ("-o", "new/kincal.xml"),
-    "bridge ccsds": ("--to", "127.0.0.1:9", "--seconds", "0.2", *NOBODY[:2]),
-    "schema": ("-o", "new/schema"),
-    "serve": ("--port", "0", "--seconds", "0.5", "--log", RUN_LOG),
-    "arm list": (),
-    "arm show": ("ur5e",),
-    "arm import": ("robot.urdf", "-o", "new/arm.toml"),
-    "model check": GIVEN,
-    "model compare": GIVEN,
-    "model diagnose": (*GIVEN, "--report", "new/report.html"),
-    "model fit": (*GIVEN, "--model", "M.toml"),
-    "model predict": ("--model", "M.toml", "--data", "poses.csv"),
-    "model effects": (),
+    "command dump": ("kin", "new/kin.tbl", *NOBODY), "status": ("--seconds", "0.2", *NOBODY[:2]),
+    "record": ("--folder", "new/recordings", "--seconds", "0.5", *NOBODY[:2]), "key new": ("new/keys",),
+    "key rotate": ("new/keys",), "key show": ("new/keys",), "key join": ("new/keys", "-o", "new/flight.keys"),
+    "key retire": ("new/keys",), "export xtce": ("-o", "new/kincal.xml"),
+    "bridge ccsds": ("--to", "127.0.0.1:9", "--seconds", "0.2", *NOBODY[:2]), "schema": ("-o", "new/schema"),
+    "serve": ("--port", "0", "--seconds", "0.5", "--log", RUN_LOG), "arm list": (), "arm show": ("ur5e",),
+    "arm import": ("robot.urdf", "-o", "new/arm.toml"), "model check": GIVEN, "model compare": GIVEN,
+    "model diagnose": (*GIVEN, "--report", "new/report.html"), "model fit": (*GIVEN, "--model", "M.toml"),
+    "model predict": ("--model", "M.toml", "--data", "poses.csv"), "model effects": (),
     "model add": ("--model", "new/M.toml", "base_flex"),
-    "model remove": ("--model", "new/M.toml", "base_flex"),
-    "model undo": ("--model", "new/M.toml"),
-    "model list": ("--model", "M.toml"),
-    "model history": ("--model", "M.toml"),
+    "model remove": ("--model", "new/M.toml", "base_flex"), "model undo": ("--model", "new/M.toml"),
+    "model list": ("--model", "M.toml"), "model history": ("--model", "M.toml"),
     "model next": (*GIVEN, "joint_compliance[2]", "base_flex"),
     "model export": ("--model", "M.toml", "--format", "c", "-o", "new/calibrated.c"),
     "model uplink": ("--model", "M.toml", "--arm", "arm.toml", "--fly", "new/fly"),
-}
+}  # fmt: skip
 SLOW = ("space build", "space check")  # not run to their end
 # command or group -> extra
 NEEDS = {
-    "run": "sim",
-    "space": "sim",
-    "arm import": "urdf",
-    "serve": "console",
-    "export xtce": "xtce",
+    "run": "sim", "space": "sim", "arm import": "urdf", "serve": "console", "export xtce": "xtce",
     "campaign": "campaign",
-}
+}  # fmt: skip
 PICTURES = ("review show", "model diagnose")  # use the extra image
 NO_ANSWER = ("uplink", "dump", "approve", "reject")  # nobody is there to talk to
 

@@ -8,7 +8,7 @@ import boards
 import numpy as np
 import poses
 import pytest
-from real_arms import DATA
+from places import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb

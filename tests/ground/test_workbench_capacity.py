@@ -7,7 +7,7 @@ import shlex
 import numpy as np
 import poses
 import pytest
-from commands import kincal
+from commands import good, kincal
 
 from kincal import tables
 from kincal import workbench as wb
@@ -69,10 +69,10 @@ def large(tmp_path_factory):
     arm = poses.arm_toml(out / "arm.toml")
     data = poses.poses_csv(out / "d.csv", 100, 7, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0]))
     model = out / "M.toml"
-    assert kincal("add", "--model", model, *MANY).exit_code == 0
+    good("model", "add", "--model", model, *MANY)
     refused = kincal("uplink", "--model", model, "--arm", arm)
     assert "`kincal model fit` first" in refused.output
-    assert kincal("fit", "--arm", arm, "--data", data, "--model", model).exit_code == 0
+    good("model", "fit", "--arm", arm, "--data", data, "--model", model)
     return model, data
 
 
@@ -85,8 +85,7 @@ def test_a_model_too_large_for_flight_is_refused_with_what_to_leave_out(large):
     assert listed[-1].split()[0] == "backlash[4]"  # the true one is the last to go
     drop = re.search(r"add to the command: (.*)", refused.output)[1].replace("'", "").split()
     out = model.with_name("small.tbl")
-    done = kincal("uplink", "--model", model, "-o", out, "--data", data, *drop)
-    assert done.exit_code == 0, done.output
+    done = good("model", "uplink", "--model", model, "-o", out, "--data", data, *drop)
     assert "held-out error without them" in done.output
     struct = tables.load(out)[1]
     assert 62 <= struct.n_coef <= 64
@@ -106,8 +105,7 @@ def test_what_has_no_room_in_the_search_space_is_advised_with_what_is_too_much(l
     assert refused.exit_code == 2 and "flight carries 64" in refused.output
     drop = shlex.split(re.search(r"add to the command: (.*)", refused.output)[1])
     assert "bearing_wobble" in " ".join(drop)
-    done = kincal("uplink", "--model", model, "-o", tmp_path / "small.tbl", *drop)
-    assert done.exit_code == 0, done.output
+    good("model", "uplink", "--model", model, "-o", tmp_path / "small.tbl", *drop)
     small = [word for word in drop if "bearing_wobble" not in word and word != "--drop"]
     again = kincal("uplink", "--model", model, *(w for n in small for w in ("--drop", n)))
     assert again.exit_code == 2, "what has no room stays a reason of its own"

@@ -52,7 +52,6 @@ def test_csv_reads_required_columns_and_skips_comments(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("q1,px,py,pz\n0,0,0,0\n", ["line 1", "q2"]),
         (f"{HEADER}\n0.1,nan,1,2,3\n", ["line 2", "q2", "finite"]),
         (f"{HEADER}\n0.1,,1,2,3\n", ["line 2", "q2", "empty"]),
         (f"{HEADER}\n0.1,0.2,1,2\n", ["line 2", "4 values", "names 5"]),
@@ -62,9 +61,6 @@ def test_csv_reads_required_columns_and_skips_comments(tmp_path):
         (f"{HEADER},split\n0,0,0,0,0,test\n", ["line 2", "fit or held"]),
         (f"{HEADER},q3\n0,0,0,0,0,0\n", ["q3", "2 joints"]),
         (f"{HEADER},q1\n0,0,0,0,0,0\n", ["twice", "q1"]),
-        (f"id,{HEADER}\na,0,0,0,0,0\na,1,0,0,0,0\n", ["'a'", "2 times"]),
-        (f"{HEADER}\n", ["no usable row"]),
-        ("", ["empty"]),
     ],
 )
 def test_malformed_csv_is_refused_with_line_and_reason(tmp_path, text, words):
@@ -87,33 +83,6 @@ def test_skip_bad_keeps_the_rest_and_counts(tmp_path):
     assert data.n == 2
     assert len(data.skipped) == 1
     assert "line 3" in data.skipped[0]
-
-
-def test_missing_file_is_bad_input(tmp_path):
-    with pytest.raises(wb.BadInput, match="no such file"):
-        wb.read_csv(tmp_path / "none.csv", 2)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (('convention = "standard"', 'convention = "classic"'), "convention"),
-        (("a_m = 0.045", "a_m = nan"), r"joint\[3\]\.a_m: is nan, a finite number is needed"),
-        (
-            ("q_max_rad = 2.0", "q_max_rad = -3.0"),
-            r"joint\[2\]\.q_min_rad: is -2, which is not below q_max_rad -3",
-        ),
-        (("[1.0, 0.0, 0.0, 0.0]", "[1.0, 1.0, 0.0, 0.0]"), r"base\.quat_wxyz: has norm 1\.41421"),
-        (("name =", "name ="[:-1]), "TOML"),
-    ],
-)
-def test_broken_arm_table_is_refused(tmp_path, change, words):
-    path = poses.arm_toml(tmp_path / "arm.toml")
-    text = path.read_text()
-    assert change[0] in text
-    path.write_text(text.replace(*change, 1))
-    with pytest.raises(wb.BadInput, match=words):
-        wb.read_arm(path)
 
 
 def modified_link(alpha, a, theta, d):
@@ -462,12 +431,9 @@ def test_rows_written_in_other_units_or_cut_off_are_copies(again, joints, positi
     for noise, copies in ((0.0, again), (5e-5, 0)):
         more = p[:again] + noise * rng.normal(size=(again, 3))
         data = Measurements(
-            "made up",
-            tuple(map(str, range(40 + again))),
-            np.concatenate([q, joints(q[:again])]),
-            np.concatenate([p, positions(more)]),
-            order_is_time=True,
-        )
+            "made up", tuple(map(str, range(40 + again))), np.concatenate([q, joints(q[:again])]),
+            np.concatenate([p, positions(more)]), order_is_time=True,
+        )  # fmt: skip
         kept = without_copies(data)
         assert (kept.n, kept.duplicates) == (40 + again - copies, copies)
         assert set(kept.ids[:40]) == set(map(str, range(40)))

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import poses
 import pytest
-from real_arms import DATA
+from places import DATA
 from scipy import stats
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
@@ -156,22 +156,13 @@ def test_noise_scale_posterior_finds_noise_larger_than_stated():
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("q3", 0.7),
-        ("q2", 0.3),
-        ("sin(2*q[2])", np.sin(0.6)),
-        ("sin(2*q3)", np.sin(1.4)),
-        ("tanh(q3/0.5)", np.tanh(1.4)),
-        ("temp-20", 5.0),
-        ("cos(2*(q3-0.1))", np.cos(1.2)),
-        ("step(t-100)", 1.0),
-        ("step(t-101)", 0.0),
-        ("expn(t/50)", np.exp(-2.0)),
-        ("ln1p((t-20)/40)", np.log(3.0)),
-        ("sq(q3)", 0.49),
-        ("q3 * sin(q3)", 0.7 * np.sin(0.7)),
+        ("q3", 0.7), ("q2", 0.3), ("sin(2*q[2])", np.sin(0.6)), ("sin(2*q3)", np.sin(1.4)),
+        ("tanh(q3/0.5)", np.tanh(1.4)), ("temp-20", 5.0), ("cos(2*(q3-0.1))", np.cos(1.2)),
+        ("step(t-100)", 1.0), ("step(t-101)", 0.0), ("expn(t/50)", np.exp(-2.0)),
+        ("ln1p((t-20)/40)", np.log(3.0)), ("sq(q3)", 0.49), ("q3 * sin(q3)", 0.7 * np.sin(0.7)),
         ("2*q3 * 0.5*q3", 0.49),
     ],
-)
+)  # fmt: skip
 def test_basis_language_means_what_flight_computes(arm, text, value):
     columns = {"q": [[0.0, 0.3, 0.7, 0.0, 0.0, 0.0, 0.0]], "temp_c": [25.0], "t_s": [100.0]}
     model = Model(Arm.of(arm), Terms.of([]), Observations.of_columns(columns, arm.gravity_m_s2))
@@ -182,14 +173,10 @@ def test_basis_language_means_what_flight_computes(arm, text, value):
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("sinh(q3)", "sinh"),
-        ("speed", "speed"),
-        ("q3 * q4 * q5", "two"),
-        ("q", "joint"),
-        ("sin(", "read"),
+        ("sinh(q3)", "sinh"), ("speed", "speed"), ("q3 * q4 * q5", "two"), ("q", "joint"), ("sin(", "read"),
         ("t2", "variable"),
     ],
-)
+)  # fmt: skip
 def test_unreadable_bases_are_refused(text, word):
     with pytest.raises(wb.BadInput, match=word):
         parse_basis(text, {}, "here")
@@ -202,28 +189,11 @@ def test_products_split_only_between_bases():
 
 def test_library_holds_every_effect_of_the_contract(library):
     wanted = [
-        "encoder_bias",
-        "encoder_gain",
-        "encoder_eccentricity",
-        "encoder_harmonic2",
-        "backlash",
-        "joint_compliance",
-        "link_bending",
-        "joint_coupling",
-        "link_thermal_growth",
-        "joint_thermal_drift",
-        "time_drift",
-        "bias_step",
-        "payload_sag",
-        "base_tilt",
-        "base_shift",
-        "tool_shift",
-        "camera_shift",
-        "tag_scale",
-        "range_incidence_bias",
-        "lens_radial",
-        "lens_decentring",
-    ]
+        "encoder_bias", "encoder_gain", "encoder_eccentricity", "encoder_harmonic2", "backlash",
+        "joint_compliance", "link_bending", "joint_coupling", "link_thermal_growth", "joint_thermal_drift",
+        "time_drift", "bias_step", "payload_sag", "base_tilt", "base_shift", "tool_shift", "camera_shift",
+        "tag_scale", "range_incidence_bias", "lens_radial", "lens_decentring",
+    ]  # fmt: skip
     assert set(wanted) <= set(library.effects)
 
 
@@ -373,13 +343,10 @@ def test_only_much_worse_blocks_and_held_out_poses_speak_against_an_effect():
     held, block = nested.HELD_OUT, "time block"
     sure, open_, tenth = (1.2, 3.0), (0.9, 3.0), (1.02, 1.09)
     cases = {
-        (held, tenth, None): True,
-        (block, tenth, None): False,
-        (block, sure, None): True,
-        (block, open_, None): False,
-        (block, open_, (2.5, (1.8, 3.1))): True,
+        (held, tenth, None): True, (block, tenth, None): False, (block, sure, None): True,
+        (block, open_, None): False, (block, open_, (2.5, (1.8, 3.1))): True,
         (held, open_, (1.05, (1.01, 1.09))): False,
-    }
+    }  # fmt: skip
     for (name, interval, rotation), want in cases.items():
         assert nested.EffectGain("x", name, 1e-3, 2e-3, 2.0, interval, rotation).advised_against == want
 

@@ -90,10 +90,7 @@ def test_only_sliding_joints_slide(arm, library):
 
 
 def test_flight_takes_the_terms(arm, library):
-    effects = [
-        *library.find("joint_gravity[2]", arm, None),
-        *library.find("link_gravity_tilt[1]", arm, None),
-    ]
+    effects = [*library.find("joint_gravity[2]", arm, None), *library.find("link_gravity_tilt[1]", arm, None)]
     assert term_image(arm, effects, poses.flown()).data
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import poses
 import pytest
-from real_arms import DATA
+from places import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
@@ -36,14 +36,10 @@ def measured(n, seed, stated=False):
     noise = rng.normal(size=(n, 6)) @ root.T
     turned = Rotation.from_rotvec(noise[:, 3:]) * Rotation.from_matrix(true[:, :3, :3])
     return wb.Measurements(
-        source="made up",
-        ids=tuple(map(str, range(n))),
-        q=q,
-        p_m=true[:, :3, 3] + noise[:, :3],
-        quat_wxyz=turned.as_quat(scalar_first=True),
-        t_s=np.arange(n, dtype=float),
+        source="made up", ids=tuple(map(str, range(n))), q=q, p_m=true[:, :3, 3] + noise[:, :3],
+        quat_wxyz=turned.as_quat(scalar_first=True), t_s=np.arange(n, dtype=float),
         cov=np.tile(root @ root.T, (n, 1, 1)) if stated else None,
-    )
+    )  # fmt: skip
 
 
 def test_the_noise_floor_does_not_depend_on_what_a_model_calls_an_outlier():

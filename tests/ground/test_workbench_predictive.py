@@ -157,9 +157,7 @@ def test_what_harms_is_taken_back_and_what_helps_stays():
 
 
 @pytest.mark.parametrize(
-    "gone",
-    [{"factor": {"bad": 0.999}}, {"worse": ("bad",)}],
-    ids=lambda x: next(iter(x)),
+    "gone", [{"factor": {"bad": 0.999}}, {"worse": ("bad",)}], ids=lambda x: next(iter(x))
 )
 def test_what_does_not_help_poses_that_were_not_fitted_is_no_finding(gone):
     """Held-out poses or a block of poses; evidence that rests on a known noise stands."""

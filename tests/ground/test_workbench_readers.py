@@ -8,11 +8,10 @@ import re
 import numpy as np
 import poses
 import pytest
-from click.testing import CliRunner
+from commands import kincal
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
-from kincal.cli import main
 from kincal_shared.errors import BadInput, CannotAnswer
 from kincal_shared.schema.arm import read_arm
 from kincal_shared.schema.datamap import DataMap
@@ -96,14 +95,11 @@ def test_mapped_columns_in_degrees_and_millimetres(tmp_path):
 @pytest.mark.parametrize(
     ("form", "values", "more"),
     [
-        ("wxyz", TURN.as_quat(scalar_first=True), {}),
-        ("xyzw", TURN.as_quat(), {}),
-        ("rotvec", TURN.as_rotvec(), {}),
-        ("matrix", TURN.as_matrix().reshape(N, 9), {}),
-        ("euler", TURN.as_euler("xyz"), {"axes": "xyz"}),
-        ("euler", TURN.as_euler("ZYZ"), {"axes": "ZYZ"}),
+        ("wxyz", TURN.as_quat(scalar_first=True), {}), ("xyzw", TURN.as_quat(), {}),
+        ("rotvec", TURN.as_rotvec(), {}), ("matrix", TURN.as_matrix().reshape(N, 9), {}),
+        ("euler", TURN.as_euler("xyz"), {"axes": "xyz"}), ("euler", TURN.as_euler("ZYZ"), {"axes": "ZYZ"}),
     ],
-)
+)  # fmt: skip
 def test_every_form_of_rotation(tmp_path, form, values, more):
     names = [f"r{k}" for k in range(1, values.shape[1] + 1)]
     columns = {**named(("q1", "q2"), Q), **named(("px", "py", "pz"), P), **named(names, values)}
@@ -211,16 +207,12 @@ def test_npz_of_arrays_of_different_length_is_refused(tmp_path):
     "name, values, words",
     [
         ("q", Q + 1j, "row 1: q1 is ("),
-        (
-            "t_s",
-            np.arange(N).astype("datetime64[s]"),
-            "row 1: t_s is 1970-01-01T00:00:00",
-        ),
+        ("t_s", np.arange(N).astype("datetime64[s]"), "row 1: t_s is 1970-01-01T00:00:00"),
         ("t_s", np.zeros(N, dtype=[("a", "f8")]), "row 1: t_s is (0"),
         ("q", Q.astype(object), "cannot be read as npz"),
         ("t_s", np.array(["1_0"] * N), "row 1: t_s is 1_0, a number is needed"),
     ],
-)
+)  # fmt: skip
 def test_npz_of_other_things_than_real_numbers_is_refused_by_row(tmp_path, name, values, words):
     np.savez(tmp_path / "d.npz", **{"q": Q, "p": P, name: values})
     with pytest.raises(BadInput, match=re.escape(words)):
@@ -241,14 +233,6 @@ def test_npz_row_that_is_not_finite_is_named_or_skipped(tmp_path):
         wb.read_measurements(tmp_path / "d.npz", 2)
     data = wb.read_measurements(tmp_path / "d.npz", 2, skip_bad=True)
     assert (data.n, len(data.skipped)) == (N - 1, 1)
-
-
-def test_broken_npz_is_refused(tmp_path):
-    np.savez(tmp_path / "d.npz", q=Q, p=P)
-    whole = (tmp_path / "d.npz").read_bytes()
-    (tmp_path / "d.npz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(BadInput, match="cannot be read as npz"):
-        wb.read_measurements(tmp_path / "d.npz", 2)
 
 
 def test_parquet_with_columns_lists_texts_and_times(tmp_path):
@@ -538,9 +522,7 @@ def foreign(tmp_path_factory):
 
 
 def compare(*args):
-    done = CliRunner().invoke(main, ["model", "compare", "--json", *map(str, args)])
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
-    return done
+    return kincal("compare", "--json", *args)
 
 
 FLAGS = ("--column", "q=A{}", "--column", "p=X,Y,Z", "--units", "deg,mm", "--rotation", "xyzw=i,j,k,s")

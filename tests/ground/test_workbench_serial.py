@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import poses
 import pytest
-from real_arms import DATA
+from places import DATA
 
 from kincal import workbench as wb
 from kincal.workbench.diagnosis.heldout import HeldGain
@@ -44,13 +44,10 @@ def measured(q, seed, noise, *, size=3.0, moved=lambda q: q, shifted_m=0.0):
     errors = 3e-3 * rng.normal(size=(7, 4)) / [1.0, 1.0, 3.0, 3.0]
     p_m = np.array([poses.tool_pose(row, errors)[:3, 3] for row in moved(q)]) + shifted_m
     return wb.Measurements(
-        source="made up",
-        ids=tuple(map(str, range(n))),
-        q=q,
-        p_m=p_m + SIGMA_M * (rng.normal(size=(n, 3)) + size * noise(n, rng)),
-        t_s=10.0 * np.arange(n),
+        source="made up", ids=tuple(map(str, range(n))), q=q,
+        p_m=p_m + SIGMA_M * (rng.normal(size=(n, 3)) + size * noise(n, rng)), t_s=10.0 * np.arange(n),
         cov=np.tile(np.diag([SIGMA_M**2] * 3 + [1e-6] * 3), (n, 1, 1)),
-    )
+    )  # fmt: skip
 
 
 def at_random(n, seed):

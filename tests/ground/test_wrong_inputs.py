@@ -16,10 +16,9 @@ from pathlib import Path
 import numpy as np
 import poses
 import pytest
-from click.testing import CliRunner
+from commands import good, kincal, shell
 
 from kincal.arms.library import arm_text
-from kincal.cli import main
 from kincal.cli.errors import EXIT_DATA, EXIT_FAILED, EXIT_INPUT
 from kincal.workbench.data.readers import read_measurements
 from kincal_shared import reading
@@ -368,13 +367,19 @@ WRONG = {
 
 
 def compare(*args):
-    done = CliRunner().invoke(main, ["model", "compare", *map(str, args)])
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
-    return done
+    return kincal("compare", *args)
+
+
+def given(folder):
+    return "--arm", folder / "arm.toml", "--data", folder / "poses.csv"
+
+
+def on(folder, *more):
+    return compare(*given(folder), *more)
 
 
 def test_the_inputs_belong_together_before_they_are_spoilt(folder):
-    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    done = on(folder)
     assert done.exit_code == 0
     assert "warning" not in done.stderr
 
@@ -383,7 +388,7 @@ def test_the_inputs_belong_together_before_they_are_spoilt(folder):
 def test_wrong_input_names_the_likely_cause(folder, case):
     spoil, words = WRONG[case]
     spoil(folder)
-    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    done = on(folder)
     assert done.exit_code in (EXIT_INPUT, EXIT_DATA), done.output
     assert done.stdout == ""
     for word in words:
@@ -443,13 +448,13 @@ def test_a_pipe_without_an_end_is_refused(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("read", ["wxyz=qx,qy,qz,qw", "xyzw=qw,qx,qy,qz"])
 def test_the_other_order_of_quaternions_is_named_whatever_was_said(folder, read):
-    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation", read)
+    done = on(folder, "--rotation", read)
     assert done.exit_code == EXIT_INPUT
     form, _, columns = read.partition("=")
     other = {"wxyz": "xyzw", "xyzw": "wxyz"}[form]
     assert f"quaternions look like {', '.join(other)}" in done.stderr
     advice = f"{other}={columns}"  # as the message says it: the same columns in the same order
-    right = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation", advice)
+    right = on(folder, "--rotation", advice)
     assert right.exit_code == 0, right.stderr
 
 
@@ -470,12 +475,11 @@ def test_columns_and_ids_with_what_is_not_shown_are_named_so_that_it_is(folder):
 
 def test_a_pattern_of_columns_that_count_from_0_is_answered_with_their_list(folder):
     renamed({f"q{j}": f"Joint {j - 1}" for j in range(1, 8)})(folder)
-    args = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--column")
-    done = compare(*args, "q=Joint {}")
+    done = on(folder, "--column", "q=Joint {}")
     assert done.exit_code == EXIT_INPUT
     listed = "q=" + ",".join(f"Joint {j}" for j in range(7))
     assert f"{{}} counts from 1: write --column '{listed}'" in done.stderr
-    assert compare(*args, listed).exit_code == 0
+    assert on(folder, "--column", listed).exit_code == 0
 
 
 def with_euler(folder, axes, scale=1.0):
@@ -497,28 +501,23 @@ def test_the_order_of_euler_angles_is_named(folder, is_, said, frames):
     with_euler(folder, is_)
     if frames == "unknown":
         arm(r"(quat_wxyz = .*)", r"\1\nestimate = true", 0)(folder)
-    args = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation")
-    done = compare(*args, f"euler-{said}=A,B,C")
+    done = on(folder, "--rotation", f"euler-{said}=A,B,C")
     assert done.exit_code == EXIT_INPUT
     assert f"Euler angles look like {is_}" in done.stderr
     assert f"--rotation euler-{is_}=A,B,C" in done.stderr
-    assert compare(*args, f"euler-{is_}=A,B,C").exit_code == 0
+    assert on(folder, "--rotation", f"euler-{is_}=A,B,C").exit_code == 0
 
 
 def test_euler_angles_in_degrees_beside_readings_in_radians_are_named(folder):
     with_euler(folder, "ZYX", 180.0 / np.pi)
-    done = compare(
-        "--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation", "euler-ZYX=A,B,C"
-    )
+    done = on(folder, "--rotation", "euler-ZYX=A,B,C")
     assert done.exit_code == EXIT_INPUT
     assert "Euler angles look like degrees" in done.stderr
 
 
 def test_three_poses_say_nothing_of_the_arm_and_are_not_called_right(folder):
     _table(folder, lambda found: found[:3])
-    done = CliRunner().invoke(
-        main, ["model", "check", "--arm", str(folder / "arm.toml"), "--data", str(folder / "poses.csv")]
-    )
+    done = shell("model", "check", "--arm", folder / "arm.toml", "--data", folder / "poses.csv")
     assert done.exit_code == EXIT_FAILED
     assert "cannot be compared" in done.stdout and "belong together" not in done.stdout
     assert "3 poses are too few" in done.stdout
@@ -542,31 +541,30 @@ def test_a_folder_with_the_name_of_a_shipped_arm_is_no_arm_table(folder, monkeyp
 def test_an_effect_at_a_joint_that_the_arm_lacks_is_refused(folder, names):
     model = folder / "M.toml"
     add = ["model", "add", "--model", str(model)]
-    done = CliRunner().invoke(main, [*add, "--arm", "ur5", *names])
+    done = shell(*add, "--arm", "ur5", *names)
     assert done.exit_code == EXIT_INPUT
     assert "has 6 joints, there is no joint" in done.stderr and "from 1 to 6" in done.stderr
     assert not model.exists()
     model.write_text('version = 1\narm = "ur5"\n')  # fitted with it
-    assert CliRunner().invoke(main, [*add, *names]).exit_code == EXIT_INPUT
+    assert shell(*add, *names).exit_code == EXIT_INPUT
     assert "effects" not in model.read_text()
-    far = CliRunner().invoke(main, ["model", "add", "--model", str(folder / "N.toml"), "backlash[17]"])
+    far = shell("model", "add", "--model", folder / "N.toml", "backlash[17]")
     assert far.exit_code == EXIT_INPUT and "up to 16 joints" in far.stderr
 
 
 def test_a_joint_that_few_arms_have_is_refused_until_the_arm_is_named(folder):
     model = folder / "M.toml"
     add = ["model", "add", "--model", str(model)]
-    done = CliRunner().invoke(main, [*add, "backlash[2]", "joint_compliance[9]"])
+    done = shell(*add, "backlash[2]", "joint_compliance[9]")
     assert done.exit_code == EXIT_INPUT and not model.exists()
     assert "joint_compliance[9]: the model does not say yet which arm it is for" in done.stderr
     assert "name the arm table by --arm" in done.stderr
     arm("$", JOINT * 5)(folder)  # 12 joints
-    done = CliRunner().invoke(main, [*add, "--arm", str(folder / "arm.toml"), "joint_compliance[9]"])
-    assert done.exit_code == 0, done.stderr
-    assert CliRunner().invoke(main, [*add, "backlash[12]"]).exit_code == 0  # the model knows its arm now
-    done = CliRunner().invoke(main, [*add, "backlash[13]"])
+    done = good(*add, "--arm", folder / "arm.toml", "joint_compliance[9]")
+    assert shell(*add, "backlash[12]").exit_code == 0  # the model knows its arm now
+    done = shell(*add, "backlash[13]")
     assert done.exit_code == EXIT_INPUT and "has 12 joints, there is no joint 13" in done.stderr
-    done = CliRunner().invoke(main, [*add, "--arm", "ur5e", "joint_compliance[3]"])
+    done = shell(*add, "--arm", "ur5e", "joint_compliance[3]")
     assert done.exit_code == EXIT_INPUT and "this model was made with WAM" in done.stderr
 
 
@@ -574,7 +572,7 @@ def test_a_joint_that_few_arms_have_is_refused_until_the_arm_is_named(folder):
     "name", ["backlash[\u00b2]", "backlash[\u0662]", f"backlash[{'9' * 5000}]", "bias_step[3](t0=1_2)"]
 )
 def test_numbers_in_names_are_plain(folder, name):
-    done = CliRunner().invoke(main, ["model", "add", "--model", str(folder / "M.toml"), name])
+    done = shell("model", "add", "--model", folder / "M.toml", name)
     assert done.exit_code == EXIT_INPUT
     assert "write b" in done.stderr
     assert not (folder / "M.toml").exists()
@@ -582,15 +580,14 @@ def test_numbers_in_names_are_plain(folder, name):
 
 def test_a_fit_names_the_joint_before_what_the_effect_needs(folder):
     (folder / "M.toml").write_text('version = 1\neffects = ["joint_compliance[9]"]\n')
-    args = ["--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--model", folder / "M.toml"]
-    done = CliRunner().invoke(main, ["model", "fit", *map(str, args)])
+    done = shell("model", "fit", *given(folder), "--model", folder / "M.toml")
     assert done.exit_code == EXIT_INPUT and "there is no joint 9" in done.stderr
 
 
 def test_same_file_twice_is_refused(folder):
     path = folder / "poses.csv"
     shutil.copy(path, folder / "copy.csv")
-    done = compare("--arm", folder / "arm.toml", "--data", path, "--data", folder / "copy.csv")
+    done = on(folder, "--data", folder / "copy.csv")
     assert done.exit_code == EXIT_INPUT
     assert "same rows" in done.stderr
 
@@ -612,25 +609,22 @@ def test_two_files_of_different_arms_are_refused(folder):
 def test_a_model_of_another_arm_is_refused(folder, command):
     values = "\n".join(f'[[value]]\nname = "J{j}.a_m"\nvalue = 0.0\nstd_err = 0.0' for j in range(1, 7))
     (folder / "M.toml").write_text(f"version = 1\neffects = []\n{values}\n")
-    args = ["--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--model", folder / "M.toml"]
-    done = CliRunner().invoke(main, ["model", command, *map(str, args)])
+    done = shell("model", command, *given(folder), "--model", folder / "M.toml")
     assert done.exit_code == EXIT_INPUT
     assert "6 joints" in done.stderr and "7 joints" in done.stderr
 
 
 def test_a_model_fitted_with_other_dh_parameters_is_refused(folder):
     (folder / "M.toml").write_text('version = 1\narm = "iiwa7"\n')
-    args = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--model", folder / "M.toml")
-    done = compare(*args)
+    done = on(folder, "--model", folder / "M.toml")
     assert done.exit_code == EXIT_INPUT
     assert "iiwa7" in done.stderr
 
 
 def test_force_goes_on_and_keeps_the_doubt_in_the_answer(folder):
     scaled(["q7"], -1.0)(folder)
-    args = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
-    assert compare(*args).exit_code == EXIT_INPUT
-    done = compare(*args, "--force", "--json")
+    assert on(folder).exit_code == EXIT_INPUT
+    done = on(folder, "--force", "--json")
     assert done.exit_code == 0
     assert any("joint 7 counts the other way" in note for note in json.loads(done.stdout)["notes"])
     assert "warning: joint 7" in done.stderr
@@ -655,14 +649,14 @@ NO_OTHER_UNIT = {
 @pytest.mark.parametrize("case", NO_OTHER_UNIT)
 def test_what_is_far_off_for_another_reason_is_not_called_another_unit(folder, case):
     NO_OTHER_UNIT[case](folder)
-    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    done = on(folder)
     for words in ("look like", "seem to be"):
         assert words not in done.stderr
 
 
 def test_with_force_a_few_poses_in_millimetres_are_outliers(folder):
     scaled_rows([6, 11, 30], P, 1e3)(folder)
-    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--force", "--json")
+    done = on(folder, "--force", "--json")
     assert done.exit_code == 0, done.stderr
     assert {"p6", "p11", "p30"} <= set(json.loads(done.stdout)["outliers"])
 
@@ -674,6 +668,6 @@ def test_copies_of_a_row_are_no_replicates(folder):
     data = read_measurements(path, 7)
     assert (data.n, data.duplicates) == (40, 8)
     assert len(set(data.replicate)) == 40
-    done = compare("--arm", folder / "arm.toml", "--data", path)
+    done = on(folder)
     assert done.exit_code == 0
     assert "8 of 48 rows repeat another row" in done.stderr

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import lcm
+from places import SRC
 
 import kcm
 from kincal import link as links
@@ -21,7 +22,6 @@ from kincal.tables import build
 from kincal_shared import keys
 from kincal_sim.ports import private_port, private_url
 
-SOURCES = Path(__file__).resolve().parents[2] / "tables" / "src"
 STATES = {number: name for name, number in library("flight").enum("kc_state_t", "KC_ST_").items()}
 SHOWN = {"KC_ARM_STATE": 5, "KC_PANTILT_STATE": 5}  # every so manyth
 JOURNAL, SLOT_HEAD = 18, 24
@@ -45,10 +45,7 @@ def proposed(folder) -> Proposed:
     (folder / "store").mkdir()
     start = [(3, command("START", -1, 0, 1))]
     setup = Setup(
-        store=store,
-        log=folder / "run.lcmlog",
-        commander=lambda send: Script(send, start),
-        limit_s=2000.0,
+        store=store, log=folder / "run.lcmlog", commander=lambda send: Script(send, start), limit_s=2000.0
     )
     review = library("flight").constant("KC_ST_REVIEW")
     run = simulate("paper", 1, setup, each_tick=lambda tick: tick.state != review)
@@ -59,7 +56,7 @@ def tables_of_two_holders(folder, approval_s=3600):
     """The tables as shipped, but for CONFIG: it asks for two holders, and a busy machine has an hour for both
     steps, or so many seconds of mission time."""
     shutil.copytree(TABLES, folder)
-    text = (SOURCES / "config.toml").read_text()
+    text = (SRC / "config.toml").read_text()
     text = text.replace("\n[servo]", "\ngo_by_other_key = 1\n\n[servo]", 1)
     text = text.replace("= 600000000 ", f"= {approval_s}000000 ", 1)
     assert "go_by_other_key" in text and f"= {approval_s}000000 " in text
@@ -96,13 +93,10 @@ class WaitingFlight:
         second = keys.new(self.second, 1)
         self._lost, self.cut = threading.Event(), threading.Event()
         setup = Setup(
-            tables=tables_of_two_holders(folder / "tables", approval_s),
-            store=Store(folder / "store"),
-            commander=lambda send: Script(send, []),
-            others=(second,),
-            hooks=Hooks(power_loss=self._power),
+            tables=tables_of_two_holders(folder / "tables", approval_s), store=Store(folder / "store"),
+            commander=lambda send: Script(send, []), others=(second,), hooks=Hooks(power_loss=self._power),
             limit_s=1e6,
-        )
+        )  # fmt: skip
         self.tables = folder / "tables"
         self._simulation = Simulation("paper", 1, setup)
         self.commands, self.taken, self.state, self.hk = [], [], "", kcm.hk_t()
