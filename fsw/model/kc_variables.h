@@ -103,7 +103,7 @@ typedef enum {
 
 #define KC_VAR_ENUM_(number, NAME, index, from, name, unit, meaning, range, value) KC_VAR_##NAME = (number),
 /* ONE is no variable: the basis is 1 whatever its function is. */
-typedef enum { KC_VAR_ONE = 0, KC_VAR_LIST(KC_VAR_ENUM_) KC_VAR_COUNT } kc_var_t;
+typedef enum { KC_VAR_ONE = 0, KC_VAR_LIST(KC_VAR_ENUM_) KC_VAR_COUNT = KC_VAR_MOVE + 1 } kc_var_t;
 
 /* Index of a gravity lever: link 0 .. n-1 (its z axis is that of joint link + 1), and a body beyond it: link
  * body = link + 1 .. n (at most 15), or KC_LEVER_TOOL. */
