@@ -6,10 +6,13 @@ from dataclasses import replace
 import numpy as np
 import poses
 import pytest
+from places import DATA
 
 from kincal import workbench as wb
 from kincal.workbench.comparison.fitting import check_needs
 from kincal.workbench.data.direction import changes, with_direction
+from kincal.workbench.data.readers import read_measurements
+from kincal.workbench.diagnosis.study import Study
 from kincal.workbench.evidence.adequacy import REPLICATES, STATED, find_outliers, noise_floor
 from kincal.workbench.evidence.replicates import replicates
 from kincal.workbench.fit.least_squares import fit_model
@@ -43,6 +46,17 @@ def of_joint_2(values):
 
 def signs(q):
     return np.sign(np.diff(q, axis=0, prepend=q[:1]))
+
+
+def test_last_moves_make_no_room_for_bad_poses():
+    """With a column of them for each joint a pose of the real WAM was another outlier, and another function
+    was unnamed, which random poses speak against."""
+    arm = wb.read_arm(DATA / "wam" / "wam.toml")
+    data = read_measurements(DATA / "wam" / "wam.csv", arm)
+    assert data.has("move")
+    comparisons = [wb.compare(arm, d) for d in (data, replace(data, move=None))]
+    weights = [Study.of(c, wb.Library.load(), (), True).weight for c in comparisons]
+    np.testing.assert_allclose(*weights, rtol=1e-9)
 
 
 # --------------------------------------------------------------------------- from the order

@@ -73,12 +73,13 @@ def bulk_weights(fit: Fit) -> Array:
 
 def robust_weights(fit: Fit, candidates: Sequence[Candidate]) -> Array:
     """(N,) Student-t pose weights under DH plus ALL effects at prior width, so that an effect is not
-    mistaken for outliers (METHOD.md 12.2): all but those that act alike at all poses. Poses that are merely
-    a little off keep their full weight."""
+    mistaken for outliers (METHOD.md 12.2): all but those that act alike at all poses, and those of the last
+    move, which takes any value anywhere and so makes room for any bad pose. Poses that are merely a little
+    off keep their full weight."""
     n, c = fit.evaluation.r.shape
     plain = Columns(fit, np.ones(n))
     first = [candidate.variants[0] for candidate in candidates if candidate.prior > 0]
-    blocks = plain.hypotheses([h for h in first if not h.even])
+    blocks = plain.hypotheses([h for h in first if not (h.even or h.of_last_move)])
     big = np.hstack([fit.J * fit.sigma_prior, *blocks])
     z0 = fit.z + fit.J @ fit.estimate
     weight = np.ones(n)

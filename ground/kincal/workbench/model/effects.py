@@ -94,6 +94,11 @@ class Hypothesis:
         return all(_is_even(p) for p in self.parameters)
 
     @property
+    def of_last_move(self) -> bool:
+        """It depends on how far joints came, not on where they are."""
+        return any(basis.var == "move" for p in self.parameters for term in p.terms for basis in term.basis)
+
+    @property
     def of_session(self) -> bool:
         """It depends on time, and holds for the session that was measured: what drifts or settles starts anew
         in the next one."""
