@@ -140,7 +140,8 @@ test: ## everything a change has to pass, with a summary
 	@$(MAKE) --no-print-directory -j4 -k setup build units || $(MAKE) --no-print-directory setup # a failed build is a step's
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log --first build --first unit \
-	    live-test integration lint workbench-test ground-test cov sigma-short fuzz wcet lint-test oracle mutation-short size heapcheck
+	    --idle cov --idle mutation-short --idle sigma-short --idle wcet \
+	    live-test integration lint workbench-test ground-test fuzz lint-test oracle size heapcheck
 
 # libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
 # harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.

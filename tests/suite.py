@@ -1,11 +1,12 @@
 """Run the steps of `make test`, all of them even after a failure, and sum up.
 
-    suite.py --junit build/junit --logs build/log --first build lint ...    run steps with make
+    suite.py --junit build/junit --logs build/log --first build --idle cov lint ...    run steps with make
     suite.py --junit build/junit --sum                                      only the closing line
 
 One step more than there are processors runs at once, since many wait for messages or a clock; each gets
 PROCESSORS=1. They begin in the order given: the longest come first, so that none is left at the end.
-What several steps need is made before (--first), on all processors. Each step is printed with the seconds
+What several steps need is made before (--first), on all processors. Beside the others, one at a time and with less
+right to the processors, run those that only compute (--idle): they take what waiting leaves. Each step is printed with the seconds
 that it took and those of the processors.
 
 Tests are counted from the JUnit files that CTest and pytest wrote, never from exit codes; a step
@@ -53,12 +54,16 @@ def count(report: Path) -> tuple[int, int, int]:
     return total - failed - skipped, failed, skipped
 
 
-def run(step: str, logs: Path, processors: int) -> tuple[int, float, float]:
+# Of a step that takes what the others leave: a third of the share of one that does not.
+NICE = 5
+
+
+def run(step: str, logs: Path, processors: int, nice: int = 0) -> tuple[int, float, float]:
     """Exit status, duration [s] and processor time [s] of a step on so many processors."""
     start = time.monotonic()
     with (logs / f"{step}.txt").open("w") as out:
         process = subprocess.Popen(
-            ["make", "--no-print-directory", f"-j{processors}", "-k", step, f"PROCESSORS={processors}"],
+            [*(["nice", "-n", str(nice)] if nice else []), "make", "--no-print-directory", f"-j{processors}", "-k", step, f"PROCESSORS={processors}"],
             stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
         )  # fmt: skip
         limit = threading.Timer(LIMIT_S, process.terminate)  # make ends what it has started
@@ -91,10 +96,13 @@ def outcome(step: str, code: int, seconds: float, busy_s: float, junit: Path, lo
     return {"step": step, "seconds": seconds, "processor_s": busy_s, **counts}
 
 
-def run_all(first: list[str], steps: list[str], junit: Path, logs: Path, processors: int) -> list[dict]:
+def run_all(
+    first: list[str], idle: list[str], steps: list[str], junit: Path, logs: Path, processors: int
+) -> list[dict]:
     done = [outcome(step, *run(step, logs, processors), junit, logs) for step in first]
-    with ThreadPoolExecutor(processors + 1) as lanes:
+    with ThreadPoolExecutor(processors + 1) as lanes, ThreadPoolExecutor(1) as beside:
         running = {lanes.submit(run, step, logs, 1): step for step in steps}
+        running |= {beside.submit(run, step, logs, 1, NICE): step for step in idle}
         done += [outcome(running[f], *f.result(), junit, logs) for f in as_completed(running)]
     return done
 
@@ -108,6 +116,7 @@ def main() -> int:
     parser.add_argument("--sum", action="store_true")
     parser.add_argument("--processors", type=int, default=min(os.cpu_count() or 1, 4))
     parser.add_argument("--first", action="append", default=[], help="step before all others")
+    parser.add_argument("--idle", action="append", default=[], help="step beside all others")
     parser.add_argument("steps", nargs="*")
     args = parser.parse_args()
     summary = args.junit / "summary.json"
@@ -119,7 +128,7 @@ def main() -> int:
         args.logs.mkdir(parents=True, exist_ok=True)
         args.junit.mkdir(parents=True, exist_ok=True)
         began = time.monotonic()
-        done = run_all(args.first, args.steps, args.junit, args.logs, args.processors)
+        done = run_all(args.first, args.idle, args.steps, args.junit, args.logs, args.processors)
         summary.write_text(json.dumps(done, indent=1))
 
     steps = json.loads(summary.read_text()) if summary.exists() else []

@@ -500,20 +500,21 @@ def test_the_closing_line_sums_all_steps(tmp_path):
 
 
 def test_steps_run_side_by_side_after_the_first_also_when_one_fails(tmp_path, monkeypatch, capsys):
-    suite, begun, together = module(TESTS / "suite.py"), [], threading.Barrier(3, timeout=60.0)
+    suite, begun, together = module(TESTS / "suite.py"), [], threading.Barrier(4, timeout=60.0)
 
-    def run(step, logs, processors):
-        begun.append((step, processors))
+    def run(step, logs, processors, nice=0):
+        begun.append((step, processors, nice))
         (logs / f"{step}.txt").write_text(f"log of {step}")
-        if step in ("long", "bad", "short"):
-            together.wait()  # each until the others run too: on two processors three
+        if step in ("long", "bad", "short", "computes"):
+            together.wait()  # each until the others run too: on two processors three, and one beside
         return int(step == "bad"), 1.0, 0.5
 
     monkeypatch.setattr(suite, "run", run)
-    done = suite.run_all(["build"], ["long", "bad", "short"], tmp_path, tmp_path, 2)
-    assert begun[0] == ("build", 2)
-    assert sorted(begun[1:]) == [("bad", 1), ("long", 1), ("short", 1)]
-    assert {d["step"]: d["failed"] for d in done} == {"build": 0, "long": 0, "bad": 1, "short": 0}
+    steps = ["long", "bad", "short"]
+    done = suite.run_all(["build"], ["computes", "later"], steps, tmp_path, tmp_path, 2)
+    assert begun[0] == ("build", 2, 0) and begun[-1] == ("later", 1, suite.NICE)
+    assert sorted(begun[1:-1]) == [("bad", 1, 0), ("computes", 1, suite.NICE), ("long", 1, 0), ("short", 1, 0)]
+    assert {d["step"] for d in done if d["failed"]} == {"bad"} and len(done) == 6
     printed = capsys.readouterr().out
     assert "log of bad" in printed and "log of long" not in printed
 
@@ -524,7 +525,7 @@ def test_a_step_has_the_processors_that_it_is_given_and_keeps_its_log(tmp_path, 
     make.write_text(f'#!/bin/sh\necho "$@"\n{sys.executable} -c "{busy}"\nexit 3\n')
     make.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    code, seconds, busy_s = module(TESTS / "suite.py").run("lint", tmp_path, 2)
+    code, seconds, busy_s = module(TESTS / "suite.py").run("lint", tmp_path, 2, 1)
     assert code == 3 and 0.2 <= busy_s <= seconds + 0.1, "the time of what the step started counts"
     assert (tmp_path / "lint.txt").read_text() == "--no-print-directory -j2 -k lint PROCESSORS=2\n"
 
@@ -538,7 +539,7 @@ def test_a_step_that_hangs_is_ended_and_fails_and_the_others_keep_their_results(
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     suite = module(TESTS / "suite.py")
     monkeypatch.setattr(suite, "LIMIT_S", 0.5)
-    done = suite.run_all([], ["hangs", "good"], tmp_path, tmp_path, 1)
+    done = suite.run_all([], [], ["hangs", "good"], tmp_path, tmp_path, 1)
     assert {d["step"]: d["failed"] for d in done} == {"hangs": 1, "good": 0}
     assert "FAIL  hangs" in capsys.readouterr().out
 
