@@ -5,9 +5,9 @@
 
 One step more than there are processors runs at once, since many wait for messages or a clock; each gets
 PROCESSORS=1. They begin in the order given: the longest come first, so that none is left at the end.
-What several steps need is made before (--first), on all processors. Beside the others, one at a time and with less
-right to the processors, run those that only compute (--idle): they take what waiting leaves. Each step is printed with the seconds
-that it took and those of the processors.
+What several steps need is made before (--first), on all processors. Steps that only compute (--idle) run
+beside the others, one at a time and with less right to the processors: they take what waiting leaves.
+Each step is printed with the seconds that it took and those of the processors.
 
 Tests are counted from the JUnit files that CTest and pytest wrote, never from exit codes; a step
 without tests (lint, size ...) or one that fails without a failed test counts as one failure when it fails.
@@ -62,8 +62,9 @@ def run(step: str, logs: Path, processors: int, nice: int = 0) -> tuple[int, flo
     """Exit status, duration [s] and processor time [s] of a step on so many processors."""
     start = time.monotonic()
     with (logs / f"{step}.txt").open("w") as out:
+        politely = ["nice", "-n", str(nice)] if nice else []
         process = subprocess.Popen(
-            [*(["nice", "-n", str(nice)] if nice else []), "make", "--no-print-directory", f"-j{processors}", "-k", step, f"PROCESSORS={processors}"],
+            [*politely, "make", "--no-print-directory", f"-j{processors}", "-k", step, f"PROCESSORS={processors}"],
             stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
         )  # fmt: skip
         limit = threading.Timer(LIMIT_S, process.terminate)  # make ends what it has started

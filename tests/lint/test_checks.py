@@ -513,7 +513,12 @@ def test_steps_run_side_by_side_after_the_first_also_when_one_fails(tmp_path, mo
     steps = ["long", "bad", "short"]
     done = suite.run_all(["build"], ["computes", "later"], steps, tmp_path, tmp_path, 2)
     assert begun[0] == ("build", 2, 0) and begun[-1] == ("later", 1, suite.NICE)
-    assert sorted(begun[1:-1]) == [("bad", 1, 0), ("computes", 1, suite.NICE), ("long", 1, 0), ("short", 1, 0)]
+    assert sorted(begun[1:-1]) == [
+        ("bad", 1, 0),
+        ("computes", 1, suite.NICE),
+        ("long", 1, 0),
+        ("short", 1, 0),
+    ]
     assert {d["step"] for d in done if d["failed"]} == {"bad"} and len(done) == 6
     printed = capsys.readouterr().out
     assert "log of bad" in printed and "log of long" not in printed

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from ..data.measurements import Measurements
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit, distance_beside, student_weights, taken_by
 from ..model.effects import Hypothesis
@@ -29,6 +30,8 @@ from .bayes_factors import (
 from .products import ProductScores, score_products
 from .unnamed import Cell, cell_moments, cells
 
+_EQUAL_MOVES = 0.01  # share of a joint's last moves that their sign does not explain
+_UNKNOWN_MOVE = 1e-3  # weight of a pose whose last move nobody knows: backlash or settling may add to it
 _BULK = 0.35  # Student-t weight from which on a pose gets full weight: the evidence is Gaussian
 _NULL_DRAWS = 400
 _GRANTED_WIDTH = 30.0  # prior sigmas
@@ -87,7 +90,24 @@ def robust_weights(fit: Fit, candidates: Sequence[Candidate]) -> Array:
         d2 = _ridge_distance(big, z0, weight, fit.scale, c)
         scale2 = max(float(np.median(d2) / chi2_quantile(0.5, c)), 1e-6)
         weight = student_weights(d2 / scale2, c)
-    return np.where(weight > _BULK, 1.0, weight)
+    weight = np.where(weight > _BULK, 1.0, weight)
+    weight[_undecided_by_move(fit.data)] *= _UNKNOWN_MOVE
+    return weight
+
+
+def _undecided_by_move(data: Measurements) -> Mask:
+    """(N,) poses of unknown last move, the first ones of sessions, where a joint's last moves are as good as
+    equally long forth, and back: but for these poses their length is a function of their sign."""
+    if data.move is None or data.direction is None:
+        return np.zeros(data.n, dtype=bool)
+    known = data.move.any(axis=1)
+    for move, sign in zip(data.move[known].T, data.direction[known].T, strict=True):
+        sides = [move[sign == side] for side in (-1.0, 0.0, 1.0)]
+        left = sum(float(((side - side.mean()) ** 2).sum()) for side in sides if side.size)
+        spread = float(((move - move.mean()) ** 2).sum())
+        if spread > 0.0 and left <= _EQUAL_MOVES * spread:
+            return np.asarray(~known, dtype=bool)
+    return np.zeros(data.n, dtype=bool)
 
 
 def _ridge_distance(columns: Array, z0: Array, weight: Array, scale: float, c: int) -> Array:
