@@ -64,7 +64,8 @@ def run(step: str, logs: Path, processors: int, nice: int = 0) -> tuple[int, flo
     with (logs / f"{step}.txt").open("w") as out:
         politely = ["nice", "-n", str(nice)] if nice else []
         process = subprocess.Popen(
-            [*politely, "make", "--no-print-directory", f"-j{processors}", "-k", step, f"PROCESSORS={processors}"],
+            [*politely, "make", "--no-print-directory", f"-j{processors}", "-k", step,
+             f"PROCESSORS={processors}"],
             stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
         )  # fmt: skip
         limit = threading.Timer(LIMIT_S, process.terminate)  # make ends what it has started
