@@ -160,8 +160,8 @@ def test_in_a_raster_the_pose_without_a_last_move_does_not_decide(arm, library, 
     data = with_direction(measured(rng, q, 8e-4 * of_joint_2(side)))
     found = {e.name: e for e in wb.diagnose(arm, data, library).effects}
     pair = ("backlash[2]", "joint_settling[2]")
-    for name, rival in (pair, pair[::-1]):
-        assert rival in found[name].confounded_with
+    for name, other in (pair, pair[::-1]):
+        assert other in found[name].confounded_with
         assert found[name].doubts.evidence > 0.9 and 0.2 < found[name].doubts.identity < 0.8
 
 
