@@ -21,14 +21,18 @@ static bool lever_ok(uint32_t link, uint32_t body, uint32_t n_joints)
 /* Counted from 1. */
 static bool one_of(uint32_t index, uint32_t n) { return index >= 1u && index <= n; }
 
+/* Of what the ground alone evaluates: in flight none. */
+static const uint32_t LAST[] = {[KC_INDEX_COLUMN] = KC_PNP_MAX, [KC_INDEX_MOVE] = KC_MOVE_MAX};
+
 static bool index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
 {
-    switch (kc_var_index(var)) {
+    const kc_var_index_t kind = kc_var_index(var);
+    switch (kind) {
     case KC_INDEX_JOINT: return one_of(index, n_joints);
     case KC_INDEX_LINK: return index <= n_joints;
     case KC_INDEX_LEVER: return lever_ok(KC_LEVER_LINK(index), KC_LEVER_BODY(index), n_joints);
-    case KC_INDEX_COLUMN: return one_of(index, KC_PNP_MAX);
-    case KC_INDEX_MOVE: return one_of(index, KC_MOVE_MAX);
+    case KC_INDEX_COLUMN:
+    case KC_INDEX_MOVE: return one_of(index, LAST[kind]);
     default: return index == 0u;
     }
 }
