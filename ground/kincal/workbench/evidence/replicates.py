@@ -94,7 +94,10 @@ def _approaches(fit: Fit) -> Iterator[tuple[Approach, Array]]:
         yield "move", data.move
     order = order_of_measurement(data)
     if order is not None and data.replicate is not None and data.direction_source != "measured":
-        yield "visit", np.tile(_alternating(data.replicate, order)[:, None], data.n_joints)
+        visit = _alternating(data.replicate, order)[:, None]
+        yield "visit", np.tile(visit, data.n_joints)
+        if data.direction is not None:  # every other time from the side opposite to that of the first visit
+            yield "visit", visit * _of_first_visit(data.direction, data.replicate, order)
 
 
 def _alternating(groups: Groups, order: Indices) -> Array:
@@ -104,6 +107,12 @@ def _alternating(groups: Groups, order: Indices) -> Array:
         visits = order[groups[order] == number]
         sign[visits] = 1.0 - 2.0 * (np.arange(len(visits)) % 2)
     return sign
+
+
+def _of_first_visit(values: Array, groups: Groups, order: Indices) -> Array:
+    """(N, n) of values (N, n) those of the first visit of the same pose."""
+    first = {groups[row]: row for row in order[::-1]}
+    return array(values[[first[number] for number in groups]])
 
 
 def _following(fit: Fit, found: Replicates, by: Approach, values: Array) -> Replicates | None:
