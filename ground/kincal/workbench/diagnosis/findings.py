@@ -647,7 +647,7 @@ def _found_signal(h: Hypothesis, posterior: Posterior) -> Array:
     return array(columns @ _ridge(columns, mine.signal, posterior.scorer.scale))
 
 
-def imitates(other: Scored[Hypothesis], signal: Array, scale: float) -> bool:
+def imitates(other: Scored[Hypothesis] | Scored[Cell], signal: Array, scale: float) -> bool:
     """Whether another effect could imitate what was found: less than CONFOUNDED_CHI2 units of chi^2 stay
     unexplained (METHOD.md 16)."""
     columns = other.columns
