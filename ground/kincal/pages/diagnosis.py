@@ -116,7 +116,8 @@ def _sections(data: ReportContent) -> list[Section]:
         _confounding(data),
         _section("harm", figures.harm(data.harm)),
     ]
-    return [*out, _next(data)] if data.next_poses else out
+    useful = data.next_poses and not explain.cannot_decide(data.next_poses)
+    return [*out, _next(data)] if useful else out
 
 
 def _section(key: str, figure: go.Figure | None, grid: Grid | None = None, text: str = "") -> Section:

@@ -30,8 +30,8 @@ def orientation_features(columns: Columns) -> Iterator[tuple[str, Array]]:
     GRAVITY: its direction in the frame of the tool, to the second degree; HEADINGS: a wave of some periods a
     turn, which is of a higher degree.
     """
-    tool = _tool(columns)
-    axes, gravity = _axes(columns, tool), _gravity(columns, tool)
+    tool, axes = _tool(columns), axes_of_tool(columns)
+    gravity = _gravity(columns, tool)
     every = axes.reshape(-1, 9)
     if _varies(every):
         yield ORIENTATION, _centred(every)
@@ -48,19 +48,26 @@ def orientation_features(columns: Columns) -> Iterator[tuple[str, Array]]:
 def z_component(driver: str, columns: Columns) -> Array:
     """(N,) of the direction that a driver is, to plot against; of all axes, that of the tool's z axis. Of a
     heading the angle [rad]."""
-    tool = _tool(columns)
-    if driver in HEADINGS:
-        return _heading(driver, _axes(columns, tool))
     if driver == GRAVITY:
-        return array(_gravity(columns, tool)[:, 2])
+        return array(_gravity(columns, _tool(columns))[:, 2])
+    axes = axes_of_tool(columns)
+    if driver in HEADINGS:
+        return _heading(driver, axes)
     axis = TOOL_AXES.index(driver) if driver in TOOL_AXES else 2
-    return array(_axes(columns, tool)[:, 2, axis])
+    return array(axes[:, 2, axis])
 
 
-def _axes(columns: Columns, tool: Array) -> Array:
-    """(N, 3, 3) axes of the tool, as columns, in the frame of the camera or else of the base."""
+def axes_of_tool(columns: Columns) -> Array:
+    """(N, 3, 3) axes of the tool, as columns, in the frame of the sensor, where the model expects it."""
+    return array(from_base(columns) @ _tool(columns))
+
+
+def from_base(columns: Columns) -> Array:
+    """(N, 3, 3) turns from the base to the frame of the sensor: of the camera, or else of the base."""
     camera = columns.fit.data.cam_quat_wxyz
-    return tool if camera is None else array(matrix_of_wxyz(camera).transpose(0, 2, 1) @ tool)
+    if camera is None:
+        return np.broadcast_to(np.eye(3), (columns.n, 3, 3))
+    return array(matrix_of_wxyz(camera).transpose(0, 2, 1))
 
 
 def _heading(driver: str, axes: Array) -> Array:

@@ -10,12 +10,12 @@ from kincal_shared.errors import BadInput
 from kincal_shared.schema.names import UNNAMED
 
 TOOL_AXES = ("tool_x", "tool_y", "tool_z")
+SENSOR_AXES = ("sensor_x", "sensor_y", "sensor_z")
 ORIENTATION, GRAVITY = "orientation", "gravity"
-_SENSOR_AXES = ("sensor_x", "sensor_y", "sensor_z")
 _PERIODS = (3, 4)  # a turn; fewer are of the second degree in the axis
 HEADINGS = {
     f"{periods} periods of {axis} about {about}": (axis, about, periods)
-    for axes, others in ((TOOL_AXES, _SENSOR_AXES), (_SENSOR_AXES, TOOL_AXES))
+    for axes, others in ((TOOL_AXES, SENSOR_AXES), (SENSOR_AXES, TOOL_AXES))
     for axis, about, periods in itertools.product(axes, others, _PERIODS)
 }
 """Axis, the axis of the other frame that its heading is about, and periods a turn of the error, by driver."""
