@@ -281,6 +281,15 @@ def test_poses_that_would_not_decide_are_not_advised(found):
     assert step.command.startswith("kincal model next ") and "not enough" not in poses_text([strong])
 
 
+def test_a_model_that_evidence_speaks_against_is_not_adequate(found):
+    """The tests of the residuals may pass all the same: they see less than the evidence for one effect."""
+    passed = replace(found.d, comparison=replace(found.d.comparison, adequate=True), serial=None)
+    for none, adequate in ((0.9, True), (1e-9, False)):
+        d = replace(passed, probability_none=none)
+        assert diagnosis_json(d)["adequate"] is adequate
+        assert ("does NOT explain" in diagnosis_text(d)) is not adequate
+
+
 def test_poses_that_no_number_of_decides_are_not_listed(found):
     hopeless = NextPose((0.1,) * 7, None, (0.0,) * 3, None, ("flex", "slip"), 1e-3, 0.0, 0.5)
     inputs = advice.Inputs("arm.toml", ("--data", "d.csv"))

@@ -220,6 +220,12 @@ class Diagnosis:
     serial: Serial | None = None
 
     @property
+    def adequate(self) -> bool:
+        """The given model explains the data: by the tests of `Comparison`, and by the evidence that something
+        is missing, which sees more than they do; nor does it leave what follows time."""
+        return self.comparison.adequate and self.serial is None and self.probability_none > _SURE_ENOUGH
+
+    @property
     def exhausted(self) -> bool:
         """The given model has smooth functions for what has no name, and held-out poses follow nothing else
         that is recorded."""

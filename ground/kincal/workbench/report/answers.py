@@ -12,7 +12,6 @@ from ..diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
 from ..evidence.adequacy import REPLICATES, NoiseFloor, Where
 from ..evidence.curves import Curve
 from ..evidence.neighbours import Alike
-from ..evidence.serial import Serial
 from ..prediction.nested import HELD_OUT, NestedModel, NestedModels
 from ..prediction.nextposes import NextPose, would_decide
 from . import explain
@@ -118,6 +117,7 @@ def diagnosis_json(d: Diagnosis, next_poses: Sequence[NextPose] = (), steps: Seq
     """`kincal model diagnose --json`."""
     return {
         **comparison_json(d.comparison),
+        "adequate": d.adequate,
         "errors": [
             {
                 "model": e.model,
@@ -260,9 +260,9 @@ def _text(position_m: float | None, rotation_rad: float | None) -> str:
     return f"{position_m * 1e3:.3f} mm{tail}"
 
 
-def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
-    """Numbers, what is left and where, and the worst poses. serial: noise that a diagnosis found to be
-    correlated in time."""
+def comparison_text(c: Comparison, *, adequate: bool = True) -> str:
+    """Numbers, what is left and where, and the worst poses. adequate: nothing more than the comparison, such
+    as a diagnosis, says that the model does not explain the data."""
     untested = "cannot be tested: the noise level is unknown"
     against = REPLICATES if c.noise_floor.source == REPLICATES else "the stated noise"
     p_text = untested if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}, against {against}"
@@ -279,7 +279,7 @@ def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
         f"lack of fit        {p_text}",
         f"residual           {explain.left_over(c)}",
         *([f"unseen poses       {explain.unseen(c)}"] if c.p_unseen is not None else []),
-        f"verdict            {explain.adequacy(c, serial)}",
+        f"verdict            {explain.adequacy(c, adequate=adequate)}",
         "",
         *_rest_lines(c),
     ]

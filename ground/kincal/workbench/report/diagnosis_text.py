@@ -39,8 +39,8 @@ def numbers_text(numbers: Sequence[BigNumber]) -> list[str]:
 
 def _next(steps: Sequence[Step], poses: Sequence[NextPose]) -> list[str]:
     lines = [line for step in steps for line in (f"  # {step.why}", f"  {step.command}")]
-    useful = poses and not explain.cannot_decide(poses)
-    return [*(["", "what to do next:", *lines] if lines else []), *(["", poses_text(poses)] if useful else [])]
+    listed = ["", poses_text(poses)] if poses and not explain.cannot_decide(poses) else []
+    return [*(["", "what to do next:", *lines] if lines else []), *listed]
 
 
 def _found(d: Diagnosis) -> Iterator[str]:
@@ -94,7 +94,7 @@ def _modelled(u: UnnamedFinding) -> bool:
 
 
 def _details(d: Diagnosis) -> Iterator[str]:
-    yield from ("", comparison_text(d.comparison, d.serial))
+    yield from ("", comparison_text(d.comparison, adequate=d.adequate))
     if d.effects or d.novel:
         yield from _remainder_lines(d)
     if d.not_testable:

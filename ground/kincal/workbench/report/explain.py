@@ -402,10 +402,10 @@ def unseen(c: Comparison) -> str:
     return f"predicted {worse} the noise of the fitted poses allows (p = {c.p_unseen:.3g})"
 
 
-def adequacy(c: Comparison, serial: Serial | None = None) -> str:
-    """Whether the model explains the data; a fit that makes held-out poses worse explains nothing, nor
-    does one that leaves what follows time (serial)."""
-    if not c.adequate or serial is not None:
+def adequacy(c: Comparison, *, adequate: bool = True) -> str:
+    """Whether the model explains the data; a fit that makes held-out poses worse explains nothing. adequate:
+    as of `comparison_text`."""
+    if not (c.adequate and adequate):
         return "the model does NOT explain these data"
     but = but_for(c.outliers)
     (before, _), *_, (after, _) = c.errors_without(c.outliers.ids).values()
