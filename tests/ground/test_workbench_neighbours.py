@@ -66,9 +66,9 @@ def test_what_near_poses_have_in_common_is_said(diagnosed):
 def test_noise_alone_has_nothing_in_common(arm, measured, scorer):
     found = compare(arm, measured)
     assert found.adequate and not found.alike.shown
-    draws = np.random.default_rng(8).standard_normal((24, len(scorer.wz)))
+    draws = np.random.default_rng(8).standard_normal((16, len(scorer.wz)))
     p = [_of_noise(scorer, draw).p_value for draw in draws]
-    assert sum(x < 0.2 for x in p) <= 9  # beyond 9 of 24: once in 200, at 0.2 each
+    assert sum(x < 0.2 for x in p) <= 8  # of 16, more than half: once in 600, at 0.2 each
 
 
 def _of_noise(scorer, z):

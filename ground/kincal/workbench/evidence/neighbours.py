@@ -22,9 +22,8 @@ from ..numerics.types import Array, Groups, Indices
 from .orientation import axes_of_tool, from_base
 from .scoring import Scorer
 
-NEIGHBOURS_P = 5e-3
+NEIGHBOURS_P = 1e-3
 _NEAREST = 3  # poses beside each
-_DRAWS = 200
 _LEAST_POSES = 20
 _LEAST_SKEW = 0.05  # of the draws: a gamma distribution as good as normal
 _JOINTS = "all joints"
@@ -68,7 +67,7 @@ def neighbours_alike(scorer: Scorer) -> Alike | None:
     poses = _different_poses(columns.fit.data.repeats, columns.n)
     if len(poses) < _LEAST_POSES:
         return None
-    drawn = np.hstack([scorer.null[:, :_DRAWS], scorer.wz[:, None]])
+    drawn = np.hstack([scorer.null, scorer.wz[:, None]])
     z = drawn.reshape(columns.n, columns.c, -1)[poses]
     graphs: dict[tuple[str, ...], sparse.csr_array] = {}
     found: list[Alike] = []
