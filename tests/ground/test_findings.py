@@ -281,6 +281,15 @@ def test_poses_that_would_not_decide_are_not_advised(found):
     assert step.command.startswith("kincal model next ") and "not enough" not in poses_text([strong])
 
 
+def test_the_section_of_confounding_names_what_was_found_and_its_rivals(found):
+    """The matrix is of effects of typical size at all joints, in which a pair of the findings need not be."""
+    [e, *rest] = [e for e in found.d.effects if e.in_model]
+    d = replace(found.d, effects=(replace(e, confounded_with=("latency", "base_flex")), *rest))
+    section = pages._confounding(replace(found.content, diagnosis=d))
+    assert f"at its size, these poses cannot tell {e.name} from latency; base_flex" in section.text
+    assert ("Bold: below 9" in section.text) is (section.figure is not None)
+
+
 def test_a_model_that_evidence_speaks_against_is_not_adequate(found):
     """The tests of the residuals may pass all the same: they see less than the evidence for one effect."""
     passed = replace(found.d, comparison=replace(found.d.comparison, adequate=True), serial=None)

@@ -197,7 +197,7 @@ def _finding(e: EffectFinding, data: ReportContent) -> str:
 
 
 def _confounding(data: ReportContent) -> Section:
-    """Of effects at all joints, of their typical size; and of what was found, at its joints and of its size."""
+    """Of effects at all joints, of typical size; and of what was found, at its joints and of its size."""
     figure = figures.confounding(data.confounding)
     found = [
         f"{e.name} from {explain.grouped(e.confounded_with)}"

@@ -94,7 +94,8 @@ def _nearest(x: Array) -> sparse.csr_array:
     n = len(x)
     # one more: the pose itself, or one at the very same place
     nearest = np.asarray(cKDTree(x).query(x, _NEAREST + 1)[1])
-    others = np.array([nearest[k][nearest[k] != k][:_NEAREST] for k in range(n)])
+    itself = nearest == np.arange(n)[:, None]
+    others = np.take_along_axis(nearest, np.argsort(itself, axis=1, kind="stable")[:, :_NEAREST], axis=1)
     rows = np.repeat(np.arange(n), _NEAREST)
     return sparse.csr_array((np.full(rows.size, 1.0 / _NEAREST), (rows, others.ravel())), shape=(n, n))
 
