@@ -19,6 +19,7 @@ from ..evidence.adequacy import (
     Where,
     find_outliers,
     lack_of_fit,
+    near_poses_alike,
     noise_floor,
     turned_frame,
     unseen_p,
@@ -27,6 +28,7 @@ from ..evidence.adequacy import (
 from ..evidence.bayes_factors import LAMBDAS
 from ..evidence.constants import choose_constants
 from ..evidence.curves import Curve, curves
+from ..evidence.neighbours import Alike
 from ..evidence.scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
 from ..evidence.serial import Serial
 from ..evidence.smooth import smooth_effect
@@ -184,12 +186,14 @@ class UnnamedFinding:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the final model leaves: held-out error [m], [rad] beside the noise floor, and where it is."""
+    """What the final model leaves: held-out error [m], [rad] beside the noise floor, where it is, and what of
+    it near poses have in common (as of `Comparison`)."""
 
     held_pos_m: float
     held_rot_rad: float | None
     floor: NoiseFloor
     where: tuple[Where, ...]
+    alike: Alike | None
 
 
 @dataclass(frozen=True)
@@ -217,6 +221,12 @@ class Diagnosis:
     map_ln_bf: dict[tuple[str, str], float] = field(default_factory=dict)
     advised: Advised = NOTHING_ADVISED
     serial: Serial | None = None
+
+    @property
+    def adequate(self) -> bool:
+        """The given model explains the data: by the tests of `Comparison`, and by the evidence that something
+        is missing, which sees more than they do; nor does it leave what follows time."""
+        return self.comparison.adequate and self.serial is None and self.probability_none > _SURE_ENOUGH
 
     @property
     def exhausted(self) -> bool:
@@ -251,7 +261,7 @@ def conclude(study: Study, found: Selection, serial: Serial | None = None) -> Di
         and turned_frame(final) is None
         and outliers.may_be_chance,
         outliers=outliers,
-        remainder=remainder(study, found.model, left.where),
+        remainder=remainder(study, found.model, left),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
         serial=serial,
     )
@@ -269,10 +279,11 @@ def promising(d: Diagnosis, advice: Advised) -> Diagnosis:
 def _left_by(final: Fit, c: Comparison) -> Left:
     """What the final model leaves: known where nothing was added."""
     if final is c.fit_all:
-        return Left(final, c.p_lack_of_fit, c.where, c.p_unseen)
+        return Left(final, c.p_lack_of_fit, c.where, c.alike, c.p_unseen)
     held = c.held_data if c.split.given else None
     p_unseen = None if held is None else unseen_p(final, held, find_outliers(final, held))
-    return Left(final, lack_of_fit(final, noise_floor(final)), where_it_fails(final), p_unseen)
+    p_lack = lack_of_fit(final, noise_floor(final))
+    return Left(final, p_lack, where_it_fails(final), near_poses_alike(final), p_unseen)
 
 
 def _outliers(final: Fit, c: Comparison) -> Outliers:
@@ -288,7 +299,8 @@ def _verdict(
         return "novel"
     if not accepted:
         unpredicted = c.p_unseen is not None and c.p_unseen <= STRUCTURE_P
-        refuted = c.outliers.clusters or c.turned or unpredicted
+        alike = c.alike is not None and c.alike.shown
+        refuted = c.outliers.clusters or c.turned or unpredicted or alike
         return "adequate" if none > _SURE_ENOUGH and not refuted else "undecidable"
     if len(accepted) > 1:
         return "several_effects"
@@ -366,10 +378,10 @@ def _chance(study: Study, model: Model, h: Hypothesis, chosen: Callable[[Fit], H
     return chance
 
 
-def remainder(study: Study, model: Model, where: Sequence[Where]) -> Remainder:
-    """What a model leaves on held-out poses; where: where it fails, worst first."""
+def remainder(study: Study, model: Model, left: Left) -> Remainder:
+    """What a model leaves on held-out poses; left: by its fit."""
     position, rotation = study.held_error(model)
-    return Remainder(position, rotation, study.comparison.noise_floor, tuple(where[:3]))
+    return Remainder(position, rotation, study.comparison.noise_floor, left.where[:3], left.alike)
 
 
 def not_testable(study: Study, first: Posterior) -> tuple[Untestable, ...]:

@@ -23,7 +23,7 @@ from kincal_shared.schema.terms import Basis
 from ..data.measurements import Measurements
 from ..fit.columns import Columns
 from ..model.places import TYPICAL_SIZE, ErrorPlace, joint_places, other_places
-from ..model.unnamed_names import GRAVITY, ORIENTATION, TOOL_AXES, TOOL_MOVE
+from ..model.unnamed_names import GRAVITY, HEADINGS, ORIENTATION, TOOL_AXES, TOOL_MOVE
 from ..numerics.types import Array, array
 from .bayes_factors import Moments
 from .lag import last_move_of_tool
@@ -38,7 +38,7 @@ _MIN_IMAGE_SPREAD = 0.01  # of normalised image position: about 14 px
 _LEAST_EIGENVALUE = 1e-6  # of the largest one
 _SHIFTS, _TURNS = (0, 1, 2), (3, 4, 5)
 _MEASURED, MEASURED_POSE = "measured orientation", "measured pose"
-_SEEN = (ORIENTATION, *TOOL_AXES)
+_SEEN = (ORIENTATION, *TOOL_AXES, *HEADINGS)
 # What may follow the orientation of the tool: errors of the sensor follow it as the sensor sees it, a tool or
 # a target that bends follows gravity.
 _ORIENTED = {
@@ -46,8 +46,8 @@ _ORIENTED = {
     "camera translation": _SEEN,
     "range": _SEEN,
     _MEASURED: _SEEN,
-    "tool rotation": (GRAVITY,),
-    "tool translation": (GRAVITY,),
+    "tool rotation": (GRAVITY, *HEADINGS),
+    "tool translation": (GRAVITY, *HEADINGS),
 }
 
 

@@ -171,8 +171,12 @@ def _only_predicting(d: Diagnosis) -> str:
     if not names:
         return ""
     verb = "improves" if len(names) == 1 else "improve"
-    more = "something unnamed explains" if d.novel is not None else "others explain"
-    return f"; {explain.listed(names)} {verb} cross-validation, but {more} more: no cause is shown"
+    more = "others explain more"
+    if d.novel is not None:
+        more = "something unnamed explains more"
+        if not d.novel.found:  # these poses say so, and unseen ones do not confirm it
+            more += f" of these poses ({explain.probability(d.novel.probability)} that it helps on others)"
+    return f"; {explain.listed(names)} {verb} cross-validation, but {more}: no cause is shown"
 
 
 def _measured(d: Diagnosis) -> bool:

@@ -39,7 +39,8 @@ def numbers_text(numbers: Sequence[BigNumber]) -> list[str]:
 
 def _next(steps: Sequence[Step], poses: Sequence[NextPose]) -> list[str]:
     lines = [line for step in steps for line in (f"  # {step.why}", f"  {step.command}")]
-    return [*(["", "what to do next:", *lines] if lines else []), *(["", poses_text(poses)] if poses else [])]
+    listed = ["", poses_text(poses)] if poses and not explain.cannot_decide(poses) else []
+    return [*(["", "what to do next:", *lines] if lines else []), *listed]
 
 
 def _found(d: Diagnosis) -> Iterator[str]:
@@ -93,7 +94,7 @@ def _modelled(u: UnnamedFinding) -> bool:
 
 
 def _details(d: Diagnosis) -> Iterator[str]:
-    yield from ("", comparison_text(d.comparison, d.serial))
+    yield from ("", comparison_text(d.comparison, adequate=d.adequate))
     if d.effects or d.novel:
         yield from _remainder_lines(d)
     if d.not_testable:
@@ -106,6 +107,8 @@ def _remainder_lines(d: Diagnosis) -> Iterator[str]:
         for w in d.remainder.where
         if w.p_value < 0.001
     ]
+    if not found and d.remainder.alike is not None and d.remainder.alike.shown:
+        found = [explain.alike(d.remainder.alike)]
     if found:
         yield f"residual of the final model: {', '.join(found)}"
 
