@@ -272,7 +272,7 @@ def test_no_term_stands_for_it(arm, measured):
     with pytest.raises(wb.CannotAnswer, match="no term can follow the orientation of the tool"):
         wb.find_unnamed(arm, data, ["unnamed[base translation: tool_x]"])
     found = wb.find_unnamed(arm, data, ["unnamed"])
-    assert found.names == () and found.all_of_them.instead.of_orientation
+    assert found.names == () and found.all_of_them.instead.without_terms
     assert explain.FOLLOWS_ORIENTATION in "\n".join(text.additions(found))
 
 

@@ -16,7 +16,6 @@ from kincal.pages.page import Command, Grid, Page, Provenance, Section, Tile, wr
 from kincal.pages.poses import Poses
 from kincal.workbench.diagnosis import EffectFinding, UnnamedFinding
 from kincal.workbench.model.hypotheses import effect_of
-from kincal.workbench.model.unnamed_names import UnnamedName
 from kincal.workbench.prediction.nextposes import NextPose, would_decide
 from kincal.workbench.report import explain
 from kincal.workbench.report.advice import Step
@@ -149,7 +148,7 @@ def _found(data: ReportContent, poses: Poses) -> Iterator[Section]:
 def _unnamed(data: ReportContent, poses: Poses, novel: UnnamedFinding) -> Section:
     panels = place_panels(data.diagnosis.final, novel.location, novel.depends_on)
     sentence, gain = explain.unnamed(novel), explain.smooth_gain(novel)
-    advice = explain.FOLLOWS_ORIENTATION if UnnamedName.parse(novel.name).of_orientation else ""
+    advice = explain.cause_without_terms(novel.name)
     text = (
         f"{sentence[:1].upper()}{sentence[1:]}. As a smooth function ({novel.name}): {gain}. "
         f"{advice[:1].upper()}{advice[1:]}{'. ' if advice else ''}{HOW_FINDING} {poses.note}"

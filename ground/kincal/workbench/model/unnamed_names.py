@@ -21,6 +21,8 @@ HEADINGS = {
 """Axis, the axis of the other frame that its heading is about, and periods a turn of the error, by driver."""
 OF_ORIENTATION = frozenset((ORIENTATION, *TOOL_AXES, GRAVITY, *HEADINGS))
 """Drivers of the map that are the orientation of the tool."""
+TOOL_MOVE = "tool_move"
+"""Driver of the map that is the change of the tool's pose since the pose before."""
 
 _HELD_BY = {"range": "camera translation", "tag tilt": "tag rotation"}
 _NAME = re.compile(rf"{UNNAMED}\[(?P<place>[^:\[\]]+):(?P<drivers>[^:\[\]]+)\]")
@@ -56,9 +58,15 @@ class UnnamedName:
         return bool({"order", "t"} & set(self.drivers))
 
     @property
-    def of_orientation(self) -> bool:
-        """Whether the function is one of the tool's orientation, for which terms have no variables."""
-        return not OF_ORIENTATION.isdisjoint(self.drivers)
+    def without_terms(self) -> bool:
+        """Whether the function is one of the tool's orientation or of its last move, for which terms have no
+        variables."""
+        return self.of_tool_move or not OF_ORIENTATION.isdisjoint(self.drivers)
+
+    @property
+    def of_tool_move(self) -> bool:
+        """Whether the function is one of the tool's last move."""
+        return TOOL_MOVE in self.drivers
 
     def __str__(self) -> str:
         return f"{UNNAMED}[{self.place}: {', '.join(self.drivers)}]"

@@ -82,7 +82,7 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
         f"not in the library: {explain.unnamed(u)} "
         f'({explain.probability(u.probability)} against "nothing missing" and every named effect)',
         *([f'      a smooth function there, "{u.name}": {explain.smooth_gain(u)}'] if _modelled(u) else []),
-        *([f"      {explain.FOLLOWS_ORIENTATION}"] if UnnamedName.parse(u.name).of_orientation else []),
+        *[f"      {cause}" for cause in [explain.cause_without_terms(u.name)] if cause],
         *([] if u.found else [f"      {explain.MAY_BE_NOISE}"]),
         *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
     ]
@@ -90,7 +90,7 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
 
 def _modelled(u: UnnamedFinding) -> bool:
     """Something is known of its function: its curves, or, of one that no term can hold, what it predicts."""
-    return bool(u.curves) or (UnnamedName.parse(u.name).of_orientation and math.isfinite(u.held.after_m))
+    return bool(u.curves) or (UnnamedName.parse(u.name).without_terms and math.isfinite(u.held.after_m))
 
 
 def _details(d: Diagnosis) -> Iterator[str]:

@@ -47,6 +47,7 @@ _DRIVERS = {
     "tool_y": "direction of the tool's y axis",
     "tool_z": "direction of the tool's z axis",
     "gravity": "gravity in the tool frame",
+    "tool_move": "last move of the tool",
 }
 _JOINT_DRIVERS = {
     "tau": "gravity torque",
@@ -67,6 +68,7 @@ _AT = {
     "tag rotation": "tag orientation",
     "tag tilt": "measured tilt of the tag",
     "measured orientation": "measured orientation",
+    "measured pose": "measured pose",
     "range": "measured range",
 }
 _BLOCKS = {
@@ -178,7 +180,7 @@ def smooth_gain(u: UnnamedFinding) -> str:
     """What poses that were not fitted say of the function of something unnamed. One of the tool's orientation
     may concern the rotations alone: both errors are said, and no judgement on positions."""
     gain = u.held
-    if not UnnamedName.parse(u.name).of_orientation or not math.isfinite(gain.after_m):
+    if not UnnamedName.parse(u.name).without_terms or not math.isfinite(gain.after_m):
         return held_gain(gain)
     turned = "" if gain.rotation is None else f", rotation error times {gain.rotation:.3f}"
     return f"cross-validated error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm{turned}"
@@ -592,6 +594,20 @@ FOLLOWS_ORIENTATION = (
     "calibration, at the sensor's line of sight, and at a tool that bends"
 )
 """Of a function of the tool's orientation: what may be its cause."""
+SENSOR_LAGS = (
+    "the measured pose stays behind along the way from the pose before: look for a filter or an average over "
+    "time in the sensor; measure again after waiting longer"
+)
+"""Of a function of the tool's last move: what may be its cause."""
+
+
+def cause_without_terms(name: str) -> str:
+    """What may be the cause of something unnamed that no term can follow; empty for anything else."""
+    parsed = UnnamedName.parse(name)
+    if parsed.of_tool_move:
+        return SENSOR_LAGS
+    return FOLLOWS_ORIENTATION if parsed.without_terms else ""
+
 
 NO_TERM = "no term of a model can follow it, and functions of the joints would only stand for it"
 """Of such a function: why it is not added."""
