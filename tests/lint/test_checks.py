@@ -629,13 +629,36 @@ def test_every_deviation_from_misra_is_decided_and_no_decision_is_left_over(row,
     assert [complaint in line for line in said] == [True] if complaint else said == []
 
 
-def test_misra_finds_a_goto(tmp_path, monkeypatch):
+def test_misra_finds_all_rules_that_a_line_breaks_and_those_of_headers_once(tmp_path, monkeypatch):
     misra = module(LINT / "misra.py")
-    source = "int kc_x(int n);\nint kc_x(int n)\n{\n    if (n > 0) { goto end; }\n    n = 1;\n"
-    source += "end:\n    return n;\n}\n"
-    write(tmp_path, {f"fsw/{room}/kc_{room}.c": "" for room in misra.ROOMS} | {"fsw/math/kc_x.c": source})
+    source = '#include "kc_h.h"\nint kc_x(int n);\nint kc_x(int n)\n{\n'
+    source += "    if (kc_h(n) + n * 2 > 0) { goto end; }\n    n = 1;\nend:\n    return n;\n}\n"
+    header = (
+        "static inline int kc_h(int n)\n{\n    if (n > 0) { goto end; }\n    n = 1;\nend:\n    return n;\n}\n"
+    )
+    core = {f"fsw/{room}/kc_{room}.c": "" for room in misra.ROOMS}
+    core |= {
+        "fsw/math/kc_h.h": header,
+        "fsw/math/kc_x.c": source,
+        "fsw/math/kc_y.c": source.replace("_x", "_y"),
+    }
+    write(tmp_path, core)
     monkeypatch.setattr(misra, "ROOT", tmp_path)
-    assert "kc_x.c" in misra.findings(None)["15.1"]
+    found = misra.findings(None)
+    assert found["15.1"] == {"kc_x.c": 1, "kc_y.c": 1, "kc_h.h": 1}
+    assert set(found["12.1"]) == {"kc_x.c", "kc_y.c"}
+
+
+def test_misra_checks_again_what_has_changed(tmp_path, monkeypatch):
+    misra = module(LINT / "misra.py")
+    plain, end = "int kc_x(int n);\nint kc_x(int n)\n{\n    n = 1;\n", "    return n;\n}\n"
+    write(
+        tmp_path, {f"fsw/{room}/kc_{room}.c": "" for room in misra.ROOMS} | {"fsw/math/kc_x.c": plain + end}
+    )
+    monkeypatch.setattr(misra, "ROOT", tmp_path)
+    assert "15.1" not in misra.findings(tmp_path / "build")
+    write(tmp_path, {"fsw/math/kc_x.c": plain + "    if (n > 0) { goto end; }\nend:\n" + end})
+    assert misra.findings(tmp_path / "build")["15.1"] == {"kc_x.c": 1}
 
 
 # ---- one vocabulary
