@@ -1,6 +1,5 @@
 """What several test files share: the true arm's table, the effect library, environments of the wheel."""
 
-import os
 import shutil
 import subprocess
 

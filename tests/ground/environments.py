@@ -77,20 +77,19 @@ def link_files(there, files, site):
                 target.symlink_to(source)
 
 
-# Of a compilation, what names no flag that changes code: compiler, outputs, debug information, warnings (sed).
+# Takes from a compilation what does not change its code (sed): compiler, outputs, debug data, warnings.
 CODE = r"s#^[^ ]+ +##; s# -MD .* -c # -c #; s# -(g|Werror|fcallgraph-info=su)( |$)# #g; s# +# #g"
 COMPILED = Path(__file__).with_name("compiled.sh")
 
 
 def built_wheel(out):
     """The wheel, built as `pip install ./ground` does in an active environment with LCM's Python package: its
-    lcm-gen stands first on the PATH, and does not work where pip builds. What `make build` has compiled from the
-    same sources with the same flags is not compiled again."""
-    (shadow := out / "shadow").mkdir()
-    (shadow / "lcm-gen").write_text(
-        "#!/bin/sh\necho \"ModuleNotFoundError: No module named 'lcm'\" >&2\nexit 1\n"
-    )
-    (shadow / "lcm-gen").chmod(0o755)
+    lcm-gen stands first on the PATH, and does not work where pip builds. What `make build` has compiled from
+    the same sources with the same flags is not compiled again."""
+    shadow = out / "shadow" / "lcm-gen"
+    shadow.parent.mkdir()
+    shadow.write_text("#!/bin/sh\necho \"ModuleNotFoundError: No module named 'lcm'\" >&2\nexit 1\n")
+    shadow.chmod(0o755)
     rel, build = ROOT / "build" / "rel", out / "build"
     calls = run("ninja", "-C", rel, "-t", "commands", "all", cwd=out).splitlines()
     calls = [call for call in calls if re.search(r" -o \S+ -c \S+$", call)]
@@ -99,9 +98,10 @@ def built_wheel(out):
     lines = [f"{key}\t{rel / call.split()[-3]}\n" for key, call in zip(keys, calls, strict=True)]
     (out / "compiled").write_text("".join(lines))
     settings = {f"cmake.define.CMAKE_{name}_COMPILER_LAUNCHER": COMPILED for name in ("C", "CXX")}
-    run(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index", "--no-build-isolation",
-        *(f"--config-settings={k}={v}" for k, v in ({"build-dir": build} | settings).items()),
-        "--wheel-dir", out, ROOT / "ground", cwd=out, PATH=f"{shadow}{os.pathsep}{os.environ['PATH']}",
+    words = [f"--config-settings={k}={v}" for k, v in ({"build-dir": build} | settings).items()]
+    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
+    run(*pip, *words, "--wheel-dir", out, ROOT / "ground", cwd=out,
+        PATH=f"{shadow.parent}{os.pathsep}{os.environ['PATH']}",
         COMPILED=str(out / "compiled"), COMPILED_AS=f"{CODE}; s#{build}/#{ROOT}/build/#g")  # fmt: skip
     for made in ("gen", "gen-all", "made"):  # what both were compiled from
         there = filecmp.dircmp(build / made, ROOT / "build" / made)
