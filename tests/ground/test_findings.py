@@ -281,7 +281,7 @@ def test_poses_that_would_not_decide_are_not_advised(found):
     assert step.command.startswith("kincal model next ") and "not enough" not in poses_text([strong])
 
 
-def test_the_section_of_confounding_names_what_was_found_and_its_rivals(found):
+def test_the_section_of_confounding_names_what_was_found_and_its_alternatives(found):
     """The matrix is of effects of typical size at all joints, in which a pair of the findings need not be."""
     [e, *rest] = [e for e in found.d.effects if e.in_model]
     d = replace(found.d, effects=(replace(e, confounded_with=("latency", "base_flex")), *rest))

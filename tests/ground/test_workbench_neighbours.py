@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.workbench.comparison.compare import compare
-from kincal.workbench.evidence.adequacy import bulk_weights
+from kincal.workbench.diagnosis import findings
+from kincal.workbench.evidence.adequacy import Outliers, bulk_weights
 from kincal.workbench.evidence.neighbours import NEIGHBOURS_P, Alike, neighbours_alike
 from kincal.workbench.evidence.scoring import Scorer
+from kincal.workbench.evidence.serial import Serial
 from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.report import explain
 from kincal.workbench.report.answers import comparison_json
@@ -61,6 +63,14 @@ def test_what_near_poses_have_in_common_is_said(diagnosed):
     )
     assert said.count(common) == 2 and "depends on no recorded variable" not in said
     assert comparison_json(diagnosed.comparison)["neighbours"]["by"] == ["tool_x"]
+
+
+def test_noise_that_follows_time_is_not_taken_for_something_missing():
+    """On a path it is alike at near poses too."""
+    alike = Alike(("all joints",), "joint 2", 1e-9, 0.5)
+    c = SimpleNamespace(outliers=Outliers((), 90), turned=None, p_unseen=None, alike=alike)
+    assert findings._verdict(0.9, (), None, c, None) == "undecidable"
+    assert findings._verdict(0.9, (), None, c, Serial(0.5, 1e-9)) == "adequate"
 
 
 def test_noise_alone_has_nothing_in_common(arm, measured, scorer):

@@ -249,7 +249,7 @@ def conclude(study: Study, found: Selection, serial: Serial | None = None) -> Di
     effects = effect_findings(study, found, left, explained=explained)
     return Diagnosis(
         comparison=study.comparison,
-        verdict=_verdict(found.first.none, effects, novel, study.comparison),
+        verdict=_verdict(found.first.none, effects, novel, study.comparison, serial),
         effects=effects,
         novel=novel,
         not_testable=not_testable(study, found.first),
@@ -292,14 +292,19 @@ def _outliers(final: Fit, c: Comparison) -> Outliers:
 
 
 def _verdict(
-    none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None, c: Comparison
+    none: float,
+    effects: Sequence[EffectFinding],
+    novel: UnnamedFinding | None,
+    c: Comparison,
+    serial: Serial | None,
 ) -> Verdict:
+    """Noise that is correlated in time is alike at near poses too, on a path; that is said of it."""
     accepted = [e for e in effects if e.accepted]
     if novel is not None and novel.found:
         return "novel"
     if not accepted:
         unpredicted = c.p_unseen is not None and c.p_unseen <= STRUCTURE_P
-        alike = c.alike is not None and c.alike.shown
+        alike = serial is None and c.alike is not None and c.alike.shown
         refuted = c.outliers.clusters or c.turned or unpredicted or alike
         return "adequate" if none > _SURE_ENOUGH and not refuted else "undecidable"
     if len(accepted) > 1:
