@@ -117,7 +117,7 @@ class Arm:
         mujoco.mj_kinematics(self.model, self.data)
 
     def _place_of(self, body: str) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,) and attitude (3, 3) of a body as they are whenever one looks."""
+        """Position (3,) and attitude (3, 3) of a body as they are when they are read."""
         k = self.model.body(body).id
         return self.data.xpos[k], self.data.xmat[k].reshape(3, 3)
 

@@ -33,8 +33,8 @@ class NoEquilibrium(ArithmeticError):
 
 @dataclass(kw_only=True)
 class Conditions:
-    """What an effect may depend on at one observation; nobody changes it. Joint quantities are arrays over the
-    n joints. Not frozen, because there are thousands in a run and frozen ones take three times as long to make.
+    """What an effect may depend on at one observation; nobody changes it. Joint quantities are arrays over
+    the n joints. Not frozen: a run makes thousands, and a frozen one takes three times as long.
 
     q_rad: encoder readings
     direction: sign of each joint's last motion, -1, 0 or 1
