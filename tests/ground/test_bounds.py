@@ -126,7 +126,8 @@ def test_every_effect_of_the_library_flies_inside_what_was_verified(arm, effects
             try:
                 table = term_table(arm, [h], flown)
             except BadInput as error:  # effects of a camera with many points, of an arm not at rest
-                assert "acts through all points" in str(error) or name == "joint_settling", name
+                of_last_move = name in ("joint_settling", "measurement_lag")
+                assert "acts through all points" in str(error) or of_last_move, name
                 continue
             assert flown.excess(table) is None, name
             tried += 1

@@ -109,6 +109,30 @@ def test_noise_that_a_fit_falls_far_below_is_in_millimetres(tmp_path, position_o
     assert "millimetres" not in codes(arm, noisy)
 
 
+def test_rotation_noise_that_a_fit_falls_far_below_is_in_degrees(tmp_path):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 60, 3, noise_size=0.05), 7)
+
+    def stated(sigma_rad):
+        return replace(data, cov=np.tile(np.diag([1e-4**2] * 3 + [sigma_rad**2] * 3), (60, 1, 1)))
+
+    for right in (2e-4, 4.9e-3):
+        assert check(arm, stated(right)).ok
+    (found,) = check(arm, stated(np.rad2deg(2e-4))).findings
+    assert (found.code, found.severity) == ("degrees", "warning")
+    assert "noise of rotations is 0.0115 rad, but a fit" in found.text and "sr_rad in radians" in found.fix
+    assert check(arm, replace(stated(0.0115), quat_wxyz=None)).ok
+
+
+@pytest.mark.parametrize(
+    ("unit", "code"), [(1e2, "centimetres"), (1e3, "millimetres"), (1 / 0.0254, "inches")]
+)
+def test_a_length_has_the_code_of_its_unit(tmp_path, unit, code):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 40, 3, position_only=True), 7)
+    assert codes(arm, replace(data, p_m=unit * data.p_m)) == {code}
+
+
 def test_a_table_of_flight_is_no_arm_table():
     with pytest.raises(wb.BadInput, match="this is a table of flight.*no arm table") as refused:
         read_arm(SRC / "arm.toml")

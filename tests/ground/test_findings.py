@@ -281,6 +281,43 @@ def test_poses_that_would_not_decide_are_not_advised(found):
     assert step.command.startswith("kincal model next ") and "not enough" not in poses_text([strong])
 
 
+def test_the_section_of_confounding_names_what_was_found_and_its_alternatives(found):
+    """The matrix is of effects of typical size at all joints, in which a pair of the findings need not be."""
+    [e, *rest] = [e for e in found.d.effects if e.in_model]
+    d = replace(found.d, effects=(replace(e, confounded_with=("latency", "base_flex")), *rest))
+    section = pages._confounding(replace(found.content, diagnosis=d))
+    assert f"at its size, these poses cannot tell {e.name} from latency; base_flex" in section.text
+    assert ("Bold: below 9" in section.text) is (section.figure is not None)
+
+
+def test_a_model_that_evidence_speaks_against_is_not_adequate(found):
+    """The tests of the residuals may pass all the same: they see less than the evidence for one effect."""
+    passed = replace(found.d, comparison=replace(found.d.comparison, adequate=True), serial=None)
+    for none, adequate in ((0.9, True), (1e-9, False)):
+        d = replace(passed, probability_none=none)
+        assert diagnosis_json(d)["adequate"] is adequate
+        assert ("does NOT explain" in diagnosis_text(d)) is not adequate
+
+
+def test_poses_that_no_number_of_decides_are_not_listed(found):
+    hopeless = NextPose((0.1,) * 7, None, (0.0,) * 3, None, ("flex", "slip"), 1e-3, 0.0, 0.5)
+    inputs = advice.Inputs("arm.toml", ("--data", "d.csv"))
+    steps = advice.next_steps(found.d, [hopeless], inputs)
+    said = diagnosis_text(found.d, [hopeless], steps)
+    assert "not even 1000 would give" in said and "next poses" not in said and "q = " not in said
+    assert "next poses" in diagnosis_text(found.d, [replace(hopeless, d2=0.4)], steps)
+
+
+def test_what_only_predicts_is_beside_something_unnamed_as_likely_as_that_is(found):
+    helping = replace(found.d.effects[0], role="helps")
+    novel = SimpleNamespace(name="unnamed[joint 2: q2]", found=False, probability=0.2)
+    said = advice._only_predicting(replace(found.d, effects=(helping,), novel=novel))
+    assert said.endswith("explains more of these poses (P = 0.20 that it helps on others): no cause is shown")
+    novel.found = True
+    said = advice._only_predicting(replace(found.d, effects=(helping,), novel=novel))
+    assert said.endswith("but something unnamed explains more: no cause is shown")
+
+
 def test_a_fit_that_makes_held_out_poses_worse_explains_nothing():
     def said(adequate, nominal_m, held_m, p_lack_of_fit=0.5):
         errors = {"nominal": (nominal_m, None), "DH": (held_m, None)}

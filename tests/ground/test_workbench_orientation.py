@@ -11,14 +11,17 @@ from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.cli.text import model as text
+from kincal.pages import words
+from kincal.pages.diagnosis_figures import location_map
 from kincal.workbench.comparison.compare import compare
 from kincal.workbench.diagnosis.additions import _first_instead
 from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.evidence import orientation
-from kincal.workbench.evidence.orientation import orientation_features, z_component
+from kincal.workbench.evidence.orientation import axes_of_tool, orientation_features, z_component
 from kincal.workbench.evidence.unnamed import oriented
 from kincal.workbench.fit.columns import Columns
 from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.model.unnamed_names import HEADINGS, UnnamedName
 from kincal.workbench.prediction.reachable import Reachable
 from kincal.workbench.report import advice, explain
 from kincal.workbench.report.diagnosis_text import diagnosis_text
@@ -76,7 +79,7 @@ def test_drivers_are_components_of_the_axes_where_the_model_expects_the_tool(arm
     columns = Columns(fit_model(arm, measured))
     found = dict(orientation_features(columns))
     axes = axes_of(measured)
-    assert {name: x.shape[1] for name, x in found.items()} == {
+    assert {name: x.shape[1] for name, x in found.items() if name not in HEADINGS} == {
         "orientation": 9, "tool_x": 8, "tool_y": 8, "tool_z": 8, "gravity": 8,
     }  # fmt: skip
     for k, component in enumerate(axes.reshape(-1, 9).T):
@@ -87,6 +90,22 @@ def test_drivers_are_components_of_the_axes_where_the_model_expects_the_tool(arm
         assert correlation(z_component("tool_" + "xyz"[axis], columns), axes[:, 2, axis]) > 0.9999
     assert correlation(found["gravity"][:, 2], axes[:, 2, 2]) > 0.9999  # gravity is along z of the base
     assert correlation(z_component("gravity", columns), axes[:, 2, 2]) > 0.9999
+
+
+def test_headings_are_waves_over_the_angles_of_euler(arm, measured):
+    """The first of these turns about an axis of the sensor, the last about one of the tool."""
+    columns = Columns(fit_model(arm, measured))
+    found = dict(orientation_features(columns))
+    assert set(HEADINGS) <= set(found)
+    yaw_angle, _, roll_angle = Rotation.from_matrix(axes_of_tool(columns)).as_euler("ZYX").T
+    waves = {
+        "3 periods of tool_x about sensor_z": 3 * yaw_angle,
+        "4 periods of sensor_z about tool_x": 4 * roll_angle,
+    }
+    for name, angle in waves.items():
+        expected = np.column_stack([np.ones(measured.n), np.cos(angle), np.sin(angle)])
+        left = np.linalg.lstsq(expected, found[name], rcond=None)[1]
+        np.testing.assert_allclose(left, 0.0, atol=1e-12)
 
 
 def test_gravity_may_come_from_another_side_at_every_pose(arm, measured):
@@ -143,6 +162,32 @@ def test_errors_of_sensor_target_and_tool_are_seen_where_they_enter(arm, measure
     assert found.where[0].at == place and found.where[0].variable in variables
 
 
+def over_heading(data, size, periods, angle):
+    """The sensor is off along its x axis by a wave over an angle of the tool's orientation."""
+    wave = size * np.sin(periods * angle(axes_of(data)))
+    return replace(data, p_m=data.p_m + wave[:, None] * [1.0, 0.0, 0.0])
+
+
+def yaw(axes):
+    return np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
+
+
+def own(axes):
+    return np.arctan2(axes[:, 2, 1], axes[:, 2, 0])
+
+
+@pytest.mark.parametrize(
+    ("periods", "angle", "variable"),
+    [(3, yaw, "3 periods of tool_x about sensor_z"), (4, own, "4 periods of sensor_z about tool_z")],
+)
+def test_waves_over_the_heading_of_the_tool_are_seen(arm, measured, periods, angle, variable):
+    found = compare(arm, over_heading(measured, 5e-4, periods, angle))
+    assert not found.adequate and found.p_structure < 1e-6
+    assert (found.where[0].variable, found.where[0].at) == (variable, "base translation")
+    assert UnnamedName("base translation", (variable,)).without_terms
+    assert f"the heading of the {variable.split()[3].split('_')[0]}'s" in explain.left_over(found)
+
+
 def test_nothing_is_seen_where_there_is_none(arm, measured):
     found = compare(arm, measured)
     assert found.adequate and found.p_structure > 0.05
@@ -161,11 +206,11 @@ def test_what_is_reachable_knows_the_orientation(arm, measured):
 
 
 @pytest.mark.parametrize(
-    ("p_structure", "said"), [(0.5, "depends on no recorded variable"), (1e-6, "none of it")]
+    ("structured", "said"), [(False, "depends on no recorded variable"), (True, "none of it")]
 )
-def test_what_follows_a_variable_but_is_not_predicted_is_not_said_to_follow_none(p_structure, said):
+def test_what_follows_a_variable_but_is_not_predicted_is_not_said_to_follow_none(structured, said):
     nothing = Reachable(1e-3, None, 0.0)
-    assert explain.reachable_by(nothing, p_structure).endswith(said)
+    assert explain.reachable_by(nothing, structured=structured).endswith(said)
 
 
 def test_it_is_an_unnamed_finding_and_the_model_does_not_explain_the_data(diagnosed):
@@ -199,6 +244,26 @@ def test_what_it_leaves_is_drawn_against_a_component(diagnosed):
     assert all(np.abs(panel.x).max() <= 1.0 for panel in panels)
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("tool_x", "direction of the tool's x axis, z component"),
+     ("gravity", "gravity in the tool frame, z component"),
+     ("orientation", "tool orientation, z component of the tool's z axis"),
+     ("3 periods of sensor_z about tool_x",
+      "heading of the sensor's z axis about the tool's x axis, 3 periods a turn [rad]")],
+)  # fmt: skip
+def test_an_axis_of_a_picture_names_the_component_that_is_drawn(name, said):
+    assert words.axis(name) == said
+
+
+def test_the_map_has_one_column_for_all_headings(diagnosed):
+    [heatmap] = location_map(diagnosed).data
+    assert list(heatmap.x).count("heading of the tool") == 1 and not any("periods" in x for x in heatmap.x)
+    row, column = list(heatmap.y).index("base translation"), list(heatmap.x).index("heading of the tool")
+    mine = [v for (at, by), v in diagnosed.map_ln_bf.items() if at == "base translation" and by in HEADINGS]
+    assert heatmap.customdata[row][column] == pytest.approx(max(*mine, 0.0)) and len(mine) > 20
+
+
 # ------------------------------------------------------------------------------------------ no terms
 
 
@@ -207,7 +272,7 @@ def test_no_term_stands_for_it(arm, measured):
     with pytest.raises(wb.CannotAnswer, match="no term can follow the orientation of the tool"):
         wb.find_unnamed(arm, data, ["unnamed[base translation: tool_x]"])
     found = wb.find_unnamed(arm, data, ["unnamed"])
-    assert found.names == () and found.all_of_them.instead.of_orientation
+    assert found.names == () and found.all_of_them.instead.without_terms
     assert explain.FOLLOWS_ORIENTATION in "\n".join(text.additions(found))
 
 

@@ -552,6 +552,14 @@ def test_an_effect_at_a_joint_that_the_arm_lacks_is_refused(folder, names):
     assert far.exit_code == EXIT_INPUT and "up to 16 joints" in far.stderr
 
 
+def test_measurements_without_their_arm_do_not_let_joints_pass(folder):
+    """Of six joints, say: nothing would refuse joint 7 before the fit."""
+    model = folder / "M.toml"
+    done = shell("model", "add", "--model", model, "--data", folder / "poses.csv", "backlash[8]")
+    assert done.exit_code == EXIT_INPUT and "name it by --arm" in done.stderr
+    assert not model.exists()
+
+
 def test_a_joint_that_few_arms_have_is_refused_until_the_arm_is_named(folder):
     model = folder / "M.toml"
     add = ["model", "add", "--model", str(model)]

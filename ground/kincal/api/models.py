@@ -83,8 +83,8 @@ def add_effects(
     """The model of a file (a new one if there is none) with these effects too.
 
     read: the measurements that the terms of unnamed effects are chosen from. BadInput for an unknown name, a
-    joint that the arm does not have, an effect that is there already, an arm that is not the model's, or an
-    unnamed effect without arm or data.
+    joint that the arm does not have, an effect that is there already, an arm that is not the model's,
+    measurements without an arm, or an unnamed effect without either.
     """
     before = read_model(model_path, must_exist=False)
     files = [model_path.parent / name for name in before.libraries] + list(effect_files)
@@ -93,6 +93,8 @@ def add_effects(
     before.add([name for name in wanted if name != UNNAMED])  # said before the work is done
     where = arm_path or (Path(before.arm) if before.arm else None)
     arm = read_arm(where) if where else None
+    if arm is None and read is not None:
+        raise BadInput("measurements are read by the arm table that they are of", todo="name it by --arm")
     if arm is not None and arm_path is not None:
         refuse_model_of_other_arm(before, arm, str(model_path))
     check_names(library, wanted, arm)

@@ -16,7 +16,6 @@ from kincal.pages.page import Command, Grid, Page, Provenance, Section, Tile, wr
 from kincal.pages.poses import Poses
 from kincal.workbench.diagnosis import EffectFinding, UnnamedFinding
 from kincal.workbench.model.hypotheses import effect_of
-from kincal.workbench.model.unnamed_names import UnnamedName
 from kincal.workbench.prediction.nextposes import NextPose, would_decide
 from kincal.workbench.report import explain
 from kincal.workbench.report.advice import Step
@@ -68,7 +67,7 @@ HEADINGS = {
     ),
     "next": ("Next poses", "They separate {names}. Power: with this pose and those above it.{little}"),
 }
-NEVER_HIDDEN = "With these poses no effect can be mistaken for another."
+NEVER_HIDDEN = "With these poses no effect of typical size can be mistaken for another."
 HOW_FINDING = (
     "Dots: motion at this location that would best explain each pose if the effect were not in the model. "
     "Means of similar poses are shown with their standard error. Poses and means that barely constrain this "
@@ -116,7 +115,8 @@ def _sections(data: ReportContent) -> list[Section]:
         _confounding(data),
         _section("harm", figures.harm(data.harm)),
     ]
-    return [*out, _next(data)] if data.next_poses else out
+    useful = data.next_poses and not explain.cannot_decide(data.next_poses)
+    return [*out, _next(data)] if useful else out
 
 
 def _section(key: str, figure: go.Figure | None, grid: Grid | None = None, text: str = "") -> Section:
@@ -148,7 +148,7 @@ def _found(data: ReportContent, poses: Poses) -> Iterator[Section]:
 def _unnamed(data: ReportContent, poses: Poses, novel: UnnamedFinding) -> Section:
     panels = place_panels(data.diagnosis.final, novel.location, novel.depends_on)
     sentence, gain = explain.unnamed(novel), explain.smooth_gain(novel)
-    advice = explain.FOLLOWS_ORIENTATION if UnnamedName.parse(novel.name).of_orientation else ""
+    advice = explain.cause_without_terms(novel.name)
     text = (
         f"{sentence[:1].upper()}{sentence[1:]}. As a smooth function ({novel.name}): {gain}. "
         f"{advice[:1].upper()}{advice[1:]}{'. ' if advice else ''}{HOW_FINDING} {poses.note}"
@@ -196,8 +196,17 @@ def _finding(e: EffectFinding, data: ReportContent) -> str:
 
 
 def _confounding(data: ReportContent) -> Section:
+    """Of effects at all joints, of typical size; and of what was found, at its joints and of its size."""
     figure = figures.confounding(data.confounding)
-    return _section("confounding", figure, text="" if figure is not None else NEVER_HIDDEN)
+    found = [
+        f"{e.name} from {explain.grouped(e.confounded_with)}"
+        for e in data.diagnosis.effects
+        if e.in_model and e.confounded_with
+    ]
+    text = HEADINGS["confounding"][1] if figure is not None else NEVER_HIDDEN
+    if found:
+        text += f" Of what was found, at its size, these poses cannot tell {'; nor '.join(found)}."
+    return _section("confounding", figure, text=text)
 
 
 def _next(data: ReportContent) -> Section:

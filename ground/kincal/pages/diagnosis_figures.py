@@ -10,6 +10,7 @@ from plotly.subplots import make_subplots
 
 from kincal.pages import theme, words
 from kincal.workbench.diagnosis import Diagnosis
+from kincal.workbench.model.unnamed_names import HEADINGS
 from kincal.workbench.prediction.nested import NestedModel, NestedModels
 from kincal.workbench.prediction.power import CONFOUNDED_CHI2, Confounding, Harm
 from kincal.workbench.report import explain
@@ -136,7 +137,11 @@ def posterior(d: Diagnosis) -> go.Figure:
 
 def location_map(d: Diagnosis) -> go.Figure:
     """Where the error enters (row) and what it depends on (column): ln evidence over "nothing missing"."""
-    cells = {key: value for key, value in d.map_ln_bf.items() if " x " not in key[1]}
+    cells = dict[tuple[str, str], float]()
+    for (location, variable), value in d.map_ln_bf.items():
+        if " x " not in variable:  # the many headings share a column
+            at = location, words.HEADING if variable in HEADINGS else variable
+            cells[at] = max(value, cells.get(at, value))
     rows = list(dict.fromkeys(location for location, _ in cells))
     columns = list(dict.fromkeys(variable for _, variable in cells))
     grid = np.full((len(rows), len(columns)), np.nan)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import re
 
+from kincal.workbench.model.unnamed_names import GRAVITY, HEADINGS, OF_ORIENTATION, TOOL_AXES
 from kincal.workbench.report import explain
 from kincal_shared.schema.names import FAULTS, LEVER_STRIDE, PNP, VARIABLES
+
+HEADING = "heading of the tool"
+"""All headings together."""
 
 _INDEXED = re.compile(r"(?P<kind>[a-z]+?)(?P<number>\d+)(?P<rest>.*)", re.S)
 _LEVER = re.compile(r"lev(?P<axis>[xyz])")
@@ -13,6 +17,8 @@ _LEVER = re.compile(r"lev(?P<axis>[xyz])")
 
 def driver(name: str) -> str:
     """A driver variable; what follows its name ("modulo 0.46") stays. q3 stays as it is."""
+    if name in OF_ORIENTATION:
+        return explain.in_words(name)
     variable, _, rest = name.partition(" ")
     return f"{_driver(variable)} {rest}".rstrip()
 
@@ -43,6 +49,11 @@ def _fault(kind: str, index: int) -> str:
 
 def axis(name: str, unit: str | None = None) -> str:
     """A driver variable with its unit; unit: where the caller knows it better (of a prismatic joint)."""
+    if name in HEADINGS:
+        return f"{driver(name)} [rad]"
+    if name in OF_ORIENTATION:  # a direction, of which one component is drawn
+        of = "" if name in (*TOOL_AXES, GRAVITY) else " of the tool's z axis"
+        return f"{driver(name)}, z component{of}"
     said = _unit(name) if unit is None else unit
     return f"{driver(name)} [{said}]" if said else driver(name)
 

@@ -77,8 +77,8 @@ def cost(gain: EffectGain) -> str:
 
 def _instead(name: UnnamedName) -> str:
     """Why no function is added beside one that is not to be added."""
-    if name.of_orientation:
-        return f"{explain.FOLLOWS_ORIENTATION}; {explain.NO_TERM}"
+    if name.without_terms:
+        return f"{explain.cause_without_terms(str(name))}; {explain.NO_TERM}"
     return (
         "the remaining error varies with time, which no function of the pose can represent; to describe "
         f"these poses, add {str(name)!r} by its name"

@@ -15,6 +15,7 @@ from ..consistency import Check, check, reach_m
 from ..data.measurements import Measurements
 from ..data.split import Split, choose_split
 from ..evidence.adequacy import (
+    STRUCTURE_P,
     NoiseFloor,
     Outliers,
     TurnedFrame,
@@ -23,6 +24,7 @@ from ..evidence.adequacy import (
     explained,
     find_outliers,
     lack_of_fit,
+    near_poses_alike,
     noise_floor,
     structure,
     turned_frame,
@@ -30,6 +32,7 @@ from ..evidence.adequacy import (
     where_it_fails,
     worst_poses,
 )
+from ..evidence.neighbours import Alike
 from ..fit.identifiability import Axis, Identifiability, identifiability, residual_axes
 from ..fit.least_squares import Fit, find_frames, fit_model, rms
 from ..model.effects import Hypothesis
@@ -62,7 +65,8 @@ class Comparison:
     data: all poses; held_data: the held-out ones, None if there are none; skipped: malformed rows left out;
     rms: "nominal", "fit" and "held" errors; chi2_per_dof: of all poses, in units of the stated noise;
     p_lack_of_fit: of the size of the leftover, None where nothing says how large the noise is;
-    p_structure: that it follows some recorded variable somewhere, over all variables; turned: of the measured
+    p_structure: that it follows some recorded variable somewhere, over all variables; alike: what near poses
+    have in common of it, None where they are too few; turned: of the measured
     orientations against the positions; p_unseen:
     that poses which the file keeps back are predicted as well as noise allows, None if it keeps none;
     adequate: all are likely enough, nothing is turned, and outliers are few and in no cluster;
@@ -83,6 +87,7 @@ class Comparison:
     chi2_per_dof: float
     p_lack_of_fit: float | None
     p_structure: float
+    alike: Alike | None
     turned: TurnedFrame | None
     p_unseen: float | None
     adequate: bool
@@ -93,6 +98,11 @@ class Comparison:
     fit_all: Fit
     fit_part: Fit
     black_box: Callable[[], Reachable | None] = field(repr=False)
+
+    @property
+    def structured(self) -> bool:
+        """What is left follows a recorded variable, or is alike at near poses."""
+        return self.p_structure <= STRUCTURE_P or (self.alike is not None and self.alike.shown)
 
     @cached_property
     def identifiability(self) -> Identifiability:
@@ -188,7 +198,7 @@ def compare(
     floor, where = noise_floor(fit_all), where_it_fails(fit_all)
     p_lack, p_structure = lack_of_fit(fit_all, floor), structure(where)
     kept_back, turned = held if split.given else None, turned_frame(fit_all)
-    outliers = find_outliers(fit_all, kept_back)
+    outliers, alike = find_outliers(fit_all, kept_back), near_poses_alike(fit_all)
     p_unseen = None if kept_back is None else unseen_p(fit_all, kept_back, outliers)
     return Comparison(
         arm=arm.name,
@@ -208,9 +218,12 @@ def compare(
         chi2_per_dof=fit_all.scale**2,
         p_lack_of_fit=p_lack,
         p_structure=p_structure,
+        alike=alike,
         turned=turned,
         p_unseen=p_unseen,
-        adequate=explained(p_lack, p_structure, p_unseen) and outliers.may_be_chance and turned is None,
+        adequate=explained(p_lack, p_structure, alike, p_unseen)
+        and outliers.may_be_chance
+        and turned is None,
         worst_poses=worst_poses(fit_all),
         where=where,
         outliers=outliers,

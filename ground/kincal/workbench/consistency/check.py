@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -17,8 +17,8 @@ from ..fit.least_squares import Fit, fit_model, rms
 from ..numerics.types import Array, Mask
 from .findings import Finding
 from .misfit import LEAST_POSES, misfit_of, rms_of_most
-from .reading import Reading
-from .recorded import IN_METRES, TRUE_NOISE_M, of_data, stated_m
+from .reading import LENGTH_CODES, Reading
+from .recorded import IN_METRES, IN_RADIANS, TRUE_NOISE_M, TRUE_NOISE_RAD, of_data, stated_m, stated_rad
 from .search import FOUND, GOOD_MISFIT, Search, changed, without
 from .sentences import READINGS, misread, signs
 from .units import links_in_metres, mixed_units
@@ -91,8 +91,7 @@ def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
         impossible = links and arm is table
         if not mixed and not impossible and (thorough or wrong):  # no reading of the whole file mends these
             found += _of_fit(search)
-        if all(finding.code != "millimetres" for finding in found):
-            found += _noise_in_millimetres(arm, data)
+        found += _noise_in_another_unit(arm, data, {finding.code for finding in found})
     else:
         found.append(_too_few(data))
     if mixed or any(finding.why.startswith(READINGS) for finding in found):
@@ -181,20 +180,33 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
         )
 
 
-def _noise_in_millimetres(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
-    """Stated noise of positions that is far above what a fit leaves, whatever it is beside the motion."""
-    if data.cov is None or (stated := stated_m(data.cov)) <= TRUE_NOISE_M:
+def _noise_in_another_unit(arm: ArmTable, data: Measurements, found: Collection[str]) -> Iterator[Finding]:
+    """Stated noise that is far above what a fit leaves, whatever it is beside the motion; found: codes of
+    what explains that already. Rotations of too little weight leave an answer that is worth reading."""
+    if data.cov is None:
         return
-    fit = _calibrated(arm, replace(data, cov=None, whole=None))
+    metres, radians = stated_m(data.cov), stated_rad(data.cov) if data.components == 6 else 0.0
+    far = metres > TRUE_NOISE_M and LENGTH_CODES.isdisjoint(found)
+    turned = radians > TRUE_NOISE_RAD and "degrees" not in found
+    fit = _calibrated(arm, replace(data, cov=None, whole=None)) if far or turned else None
     if fit is None or fit.data.n * data.components < 2 * len(fit.names):  # a fit leaves nothing of few poses
         return
-    left = float(np.median(np.linalg.norm(fit.evaluation.r[:, :3], axis=1))) / _MEDIAN_LENGTH
-    if stated > _FAR_ABOVE * left:
+    r = fit.evaluation.r.reshape(fit.data.n, -1, 3)
+    left, *of_rotations = np.median(np.linalg.norm(r, axis=2), axis=0) / _MEDIAN_LENGTH
+    if far and metres > _FAR_ABOVE * left:
         yield Finding(
             "millimetres",
-            f"the stated noise is {stated:.3g} m, but a fit of the DH errors leaves {left * 1e3:.2g} mm: it "
+            f"the stated noise is {metres:.3g} m, but a fit of the DH errors leaves {left * 1e3:.2g} mm: it "
             "looks like millimetres",
             IN_METRES,
+        )
+    if turned and radians > _FAR_ABOVE * of_rotations[0]:
+        yield Finding(
+            "degrees",
+            f"the stated noise of rotations is {radians:.3g} rad, but a fit of the DH errors leaves "
+            f"{of_rotations[0] * 1e3:.2g} mrad: it looks like degrees",
+            IN_RADIANS,
+            severity="warning",
         )
 
 

@@ -21,6 +21,8 @@ _QUARTERS = (0.5 * math.pi, -0.5 * math.pi, math.pi)
 _DEGREE = math.pi / 180.0
 _INCH = 0.0254
 _MOST_EXHAUSTIVE = 7  # joints up to which all orders and signs are tried
+LENGTH_CODES = frozenset(("millimetres", "centimetres", "inches"))
+"""Codes of findings about lengths: the units that they look like."""
 LENGTHS = {1e-3: "millimetres", 1e-2: "centimetres", _INCH: "inches", 1e3: "metres, read as millimetres"}
 ANGLES = {_DEGREE: "degrees", 1.0 / _DEGREE: "radians, read as degrees"}
 # Mirrored axes of the measurement frame: one reversed, or two exchanged.

@@ -23,6 +23,8 @@ _BEST_DEVICE_M = 1e-6
 _MOST_LIMIT = 4.0 * math.pi + 0.1  # [rad], beyond any turning joint's
 _MOST_NOISE = 0.2  # of the spread of the poses, beyond which stated noise is in another unit
 TRUE_NOISE_M = 0.003  # up to which noise may be as large as stated: a few poses close together
+TRUE_NOISE_RAD = 0.005  # the same of rotations, as of a tag seen by a camera
+IN_RADIANS = "write sr_rad in radians, c11..c66 in m^2 and rad^2"
 IN_METRES = "write sp_m in metres, c11..c66 in m^2 and rad^2"
 _CONSTANTS = ("dir", "temp_c", "payload_kg", "range_m", "incid_rad")
 
@@ -120,6 +122,11 @@ def _noise_in_millimetres(data: Measurements) -> Iterator[Finding]:
 def stated_m(cov: Array) -> float:
     """Typical 1-sigma noise of a coordinate of the position, from covariances (N, 6, 6) [m]."""
     return float(np.sqrt(np.median(np.einsum("nii->n", cov[:, :3, :3]) / 3.0)))
+
+
+def stated_rad(cov: Array) -> float:
+    """Typical 1-sigma noise of a component of the rotation, from covariances (N, 6, 6) [rad]."""
+    return float(np.sqrt(np.median(np.einsum("nii->n", cov[:, 3:, 3:]) / 3.0)))
 
 
 def _outside_limits(arm: ArmTable, data: Measurements) -> Iterator[Finding]:

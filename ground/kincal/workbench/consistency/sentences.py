@@ -10,7 +10,7 @@ import numpy as np
 from kincal_shared.schema.arm import ArmTable
 
 from .findings import Finding
-from .reading import ANGLES, LENGTHS, Reading
+from .reading import ANGLES, LENGTH_CODES, LENGTHS, Reading
 
 Sentence = tuple[str, str, str]  # code, why, fix
 READINGS = "the joint readings look like"
@@ -98,7 +98,7 @@ def _length(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> S
         fix = "add --units mm, or write metres"
     else:
         fix = "leave --units mm out" if reading.length > 1.0 else "convert them to metres"
-    return "millimetres", f"the measured positions look like {unit}", fix
+    return unit if unit in LENGTH_CODES else "millimetres", f"the measured positions look like {unit}", fix
 
 
 def _quaternion(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:

@@ -192,7 +192,7 @@ def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int, Unnamed
     taken, possible = {h.name for h in fit.hypotheses}, {p.name for p in all_places(fit.arm, fit.data)}
     ranked = sorted(scored, key=lambda key: -scored[key])
     every = [UnnamedName(place, drivers) for place, drivers in ranked]
-    new = [n for n in every if str(n) not in taken and (n.place in possible or n.of_orientation)]
+    new = [n for n in every if str(n) not in taken and (n.place in possible or n.without_terms)]
     instead, new = _first_instead(scored, new), [name for name in new if not _not_added(name)]
     # the map is too smooth to point at ripples of a joint's own angle
     own = [UnnamedName(f"joint {j}", (f"q{j}",)) for j in range(1, fit.arm.n + 1)]
@@ -202,7 +202,7 @@ def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int, Unnamed
 
 def _not_added(name: UnnamedName) -> bool:
     """It predicts no later poses, or no term can hold it."""
-    return name.of_time or name.of_orientation
+    return name.of_time or name.without_terms
 
 
 def _first_instead(
@@ -217,7 +217,7 @@ def _first_instead(
         (scored[name.place, name.drivers] for name in ranked if not _not_added(name)), default=-np.inf
     )
     least = max(_least_ln_bf(len(scored)), others + np.log(_ODDS))
-    if first.of_orientation:  # which joint angles follow in part: little more evidence decides nothing
+    if first.without_terms:  # which joint angles follow in part: little more evidence decides nothing
         least = max(least, _TIMES * others)
     return first if ln_bf > least else None
 

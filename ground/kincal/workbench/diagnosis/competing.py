@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import is_unnamed
 
 from ..data.measurements import Measurements
 from ..evidence.constants import choose_constants
@@ -48,13 +49,13 @@ def separating_poses(
 
 
 def _competing(diagnosis: Diagnosis, library: Library) -> list[str]:
-    """Effects that the evidence is not sure of and those confounded with them, without those that no data can
-    tell apart, and without those that are unlikely against something unnamed. What unseen poses do not bear
-    out competes with no other effect by that."""
+    """Effects that the evidence is not sure of and those confounded with them, without the unnamed, those
+    that no data can tell apart, and those that are unlikely against something unnamed. What unseen poses do
+    not bear out competes with no other effect by that."""
     likely = [e for e in diagnosis.effects if e.in_model or e.doubts.evidence > MENTION]
     uncertain = [e for e in likely if e.doubts.evidence < _CERTAIN or e.confounded_with]
     names = dict.fromkeys(name for e in uncertain for name in (e.name, *e.confounded_with))
-    return [name for name in names if not _is_equivalent(library, name)]
+    return [name for name in names if not is_unnamed(name) and not _is_equivalent(library, name)]
 
 
 def _is_equivalent(library: Library, name: str) -> bool:

@@ -19,6 +19,7 @@ from ..evidence.adequacy import (
     Where,
     find_outliers,
     lack_of_fit,
+    near_poses_alike,
     noise_floor,
     turned_frame,
     unseen_p,
@@ -27,13 +28,14 @@ from ..evidence.adequacy import (
 from ..evidence.bayes_factors import LAMBDAS
 from ..evidence.constants import choose_constants
 from ..evidence.curves import Curve, curves
+from ..evidence.neighbours import Alike
 from ..evidence.scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
 from ..evidence.serial import Serial
 from ..evidence.smooth import smooth_effect
 from ..evidence.unnamed import Cell, cells
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit
-from ..model.effects import Hypothesis
+from ..model.effects import Hypothesis, Parameter
 from ..model.hypotheses import Untestable, effect_of, place_of
 from ..model.unnamed_names import UnnamedName
 from ..numerics.types import Array, array
@@ -56,6 +58,8 @@ _PREDICTABLE = 0.95  # probability that something is missing where a black box p
 _FOUND = 0.75  # probability from which on something unnamed is found
 _LIKELY = 0.8  # probabilities from here on count alike where effects are ordered
 _BEST_NAMED = 4  # listed where nothing named wins
+_STEEP = 1e9  # [1/rad, 1/m] tanh with this is the sign of any move that readings show
+_MOST_LN_ODDS = 50.0
 _TESTED_FROM = 0.2  # probability by evidence from which on an alternative is tested on unseen poses
 
 Verdict = Literal["adequate", "effect", "several_effects", "novel", "undecidable"]
@@ -86,11 +90,12 @@ class Doubts:
     identity: float = 1.0
     worse: tuple[str, ...] = ()
 
-    def beside(self, others: float) -> Doubts:
-        """The same where others that cannot be told from the effect have so much probability by evidence."""
-        together = self.evidence + others
+    def beside(self, others: float, outside: float = 0.0) -> Doubts:
+        """The same where others that cannot be told from the effect have so much probability by evidence.
+        outside: of those that did not compete, relative to all that did."""
+        together = self.evidence + others + outside
         share = self.evidence / together if together > 0.0 else 1.0
-        return replace(self, evidence=together, identity=self.identity * share)
+        return replace(self, evidence=together / (1.0 + outside), identity=self.identity * share)
 
     @property
     def probability(self) -> float:
@@ -181,12 +186,14 @@ class UnnamedFinding:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the final model leaves: held-out error [m], [rad] beside the noise floor, and where it is."""
+    """What the final model leaves: held-out error [m], [rad] beside the noise floor, where it is, and what of
+    it near poses have in common (as of `Comparison`)."""
 
     held_pos_m: float
     held_rot_rad: float | None
     floor: NoiseFloor
     where: tuple[Where, ...]
+    alike: Alike | None
 
 
 @dataclass(frozen=True)
@@ -216,6 +223,12 @@ class Diagnosis:
     serial: Serial | None = None
 
     @property
+    def adequate(self) -> bool:
+        """The given model explains the data: by the tests of `Comparison`, and by the evidence that something
+        is missing, which sees more than they do; nor does it leave what follows time."""
+        return self.comparison.adequate and self.serial is None and self.probability_none > _SURE_ENOUGH
+
+    @property
     def exhausted(self) -> bool:
         """The given model has smooth functions for what has no name, and held-out poses follow nothing else
         that is recorded."""
@@ -236,7 +249,7 @@ def conclude(study: Study, found: Selection, serial: Serial | None = None) -> Di
     effects = effect_findings(study, found, left, explained=explained)
     return Diagnosis(
         comparison=study.comparison,
-        verdict=_verdict(found.first.none, effects, novel, study.comparison),
+        verdict=_verdict(found.first.none, effects, novel, study.comparison, serial),
         effects=effects,
         novel=novel,
         not_testable=not_testable(study, found.first),
@@ -248,7 +261,7 @@ def conclude(study: Study, found: Selection, serial: Serial | None = None) -> Di
         and turned_frame(final) is None
         and outliers.may_be_chance,
         outliers=outliers,
-        remainder=remainder(study, found.model, left.where),
+        remainder=remainder(study, found.model, left),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
         serial=serial,
     )
@@ -266,10 +279,11 @@ def promising(d: Diagnosis, advice: Advised) -> Diagnosis:
 def _left_by(final: Fit, c: Comparison) -> Left:
     """What the final model leaves: known where nothing was added."""
     if final is c.fit_all:
-        return Left(final, c.p_lack_of_fit, c.where, c.p_unseen)
+        return Left(final, c.p_lack_of_fit, c.where, c.alike, c.p_unseen)
     held = c.held_data if c.split.given else None
     p_unseen = None if held is None else unseen_p(final, held, find_outliers(final, held))
-    return Left(final, lack_of_fit(final, noise_floor(final)), where_it_fails(final), p_unseen)
+    p_lack = lack_of_fit(final, noise_floor(final))
+    return Left(final, p_lack, where_it_fails(final), near_poses_alike(final), p_unseen)
 
 
 def _outliers(final: Fit, c: Comparison) -> Outliers:
@@ -278,14 +292,20 @@ def _outliers(final: Fit, c: Comparison) -> Outliers:
 
 
 def _verdict(
-    none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None, c: Comparison
+    none: float,
+    effects: Sequence[EffectFinding],
+    novel: UnnamedFinding | None,
+    c: Comparison,
+    serial: Serial | None,
 ) -> Verdict:
+    """Noise that is correlated in time is alike at near poses too, on a path; that is said of it."""
     accepted = [e for e in effects if e.accepted]
     if novel is not None and novel.found:
         return "novel"
     if not accepted:
         unpredicted = c.p_unseen is not None and c.p_unseen <= STRUCTURE_P
-        refuted = c.outliers.clusters or c.turned or unpredicted
+        alike = serial is None and c.alike is not None and c.alike.shown
+        refuted = c.outliers.clusters or c.turned or unpredicted or alike
         return "adequate" if none > _SURE_ENOUGH and not refuted else "undecidable"
     if len(accepted) > 1:
         return "several_effects"
@@ -297,15 +317,15 @@ def unnamed_finding(study: Study, found: Selection) -> UnnamedFinding:
     posterior = found.last
     top = posterior.top_unnamed
     name = UnnamedName.of_cell(top.best.location, top.best.drivers)
-    if name.of_orientation:
-        held, lines, support = _by_orientation(study, found.model, top.best)
+    if name.without_terms:
+        held, lines, support = _by_columns(study, found.model, top.best)
     else:
         held, lines, support = _smooth(study, found.model, name)
     return UnnamedFinding(
         name=str(name),
         location=top.best.location,
         depends_on=top.best.drivers,
-        suggested_terms=() if name.of_orientation else suggest(top.best, posterior.scorer),
+        suggested_terms=() if name.without_terms else suggest(top.best, posterior.scorer),
         p_value=_unnamed_p(posterior, top),
         probability=posterior.unnamed * support,
         held=held,
@@ -337,7 +357,7 @@ def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tu
     return study.held_gain(model, h), curves(study.fit((*model, h)), h), _chance(study, model, h, chosen)
 
 
-def _by_orientation(study: Study, model: Model, cell: Cell) -> tuple[HeldGain, tuple[Curve, ...], float]:
+def _by_columns(study: Study, model: Model, cell: Cell) -> tuple[HeldGain, tuple[Curve, ...], float]:
     """The same for a function of the tool's orientation, which no term can hold: by its cell's columns."""
 
     def columns(fit: Fit) -> Array:
@@ -363,10 +383,10 @@ def _chance(study: Study, model: Model, h: Hypothesis, chosen: Callable[[Fit], H
     return chance
 
 
-def remainder(study: Study, model: Model, where: Sequence[Where]) -> Remainder:
-    """What a model leaves on held-out poses; where: where it fails, worst first."""
+def remainder(study: Study, model: Model, left: Left) -> Remainder:
+    """What a model leaves on held-out poses; left: by its fit."""
     position, rotation = study.held_error(model)
-    return Remainder(position, rotation, study.comparison.noise_floor, tuple(where[:3]))
+    return Remainder(position, rotation, study.comparison.noise_floor, left.where[:3], left.alike)
 
 
 def not_testable(study: Study, first: Posterior) -> tuple[Untestable, ...]:
@@ -475,7 +495,14 @@ class _Reporter:
         """competing: what these data cannot tell from it."""
         scorer, score = posterior.scorer, posterior.by_name[h.name].score
         doubts = self._doubts(h, evidence, competing)
-        doubts = doubts.beside(sum(posterior.probability.get(name, 0.0) for name in competing))
+        others = sum(posterior.probability.get(name, 0.0) for name in competing)
+        lag, play = lagging_sensor(h, posterior), backlash_of_every_move(h, posterior)
+        if lag is not None:
+            others += posterior.unnamed
+        doubts = doubts.beside(others, evidence * play.odds)
+        alike = dict.fromkeys(
+            (*with_equivalents(self.study, h, competing), *play.names, *([lag] if lag else []))
+        )
         return EffectFinding(
             name=h.name,
             label=h.label,
@@ -488,7 +515,7 @@ class _Reporter:
             held=self.study.held_gain(self.model, h),
             explained_share=score.chi2 / max(scorer.left, 1e-12),
             parameters=(),
-            confounded_with=with_equivalents(self.study, h, competing),
+            confounded_with=tuple(alike),
             inferred_direction=self._rests_on_inferred_direction(h),
             constants=h.constants,
             inspect=self.study.library.effects[h.effect].inspect,
@@ -542,6 +569,58 @@ def confounded_effects(study: Study, h: Hypothesis, posterior: Posterior) -> tup
     return tuple(name for name in similar if name not in alone)
 
 
+def lagging_sensor(h: Hypothesis, posterior: Posterior) -> str | None:
+    """The cell of a sensor that lags, by its name, where it is what is unnamed, and could imitate an effect
+    of the last move: after short moves it does what joints do that all settle alike."""
+    if not h.of_last_move or not posterior.unknown:
+        return None
+    top = posterior.top_unnamed
+    name = UnnamedName.of_cell(top.best.location, top.best.drivers)
+    if name.of_tool_move and imitates(top, _found_signal(h, posterior), posterior.scorer.scale):
+        return str(name)
+    return None
+
+
+@dataclass(frozen=True)
+class _Play:
+    """Backlash with a side that every move decides, however small: names of the effects, and the odds against
+    the effect that they were compared with. No names where the sides are those that compete anyway."""
+
+    names: tuple[str, ...] = ()
+    odds: float = 0.0
+
+
+def backlash_of_every_move(h: Hypothesis, posterior: Posterior) -> _Play:
+    """Backlash at the joints of an effect of their last moves, where jitter of joints that stay would decide
+    the side that `with_direction` keeps."""
+    data, joints = posterior.scorer.columns.fit.data, _settling_joints(h)
+    if data.move is None or data.direction is None or data.direction_source != "inferred" or not joints:
+        return _Play()
+    moves, sides = (x[:, [j - 1 for j in joints]] for x in (data.move, data.direction))
+    if not (np.sign(moves) * sides < 0.0).any():
+        return _Play()
+    [(_, ln_bf)] = posterior.scorer.hypotheses([_by_sign(h)])
+    odds = float(np.exp(min(ln_bf - posterior.by_name[h.name].ln_bf, _MOST_LN_ODDS)))
+    return _Play(tuple(f"backlash[{j}]" for j in joints), odds) if odds > MENTION else _Play()
+
+
+def _settling_joints(h: Hypothesis) -> tuple[int, ...]:
+    """Joints with a coefficient each that scales their last move."""
+    if not h.of_last_move or any(len(p.terms) > 1 for p in h.parameters):
+        return ()
+    return tuple(term.basis[0].index for p in h.parameters for term in p.terms)
+
+
+def _by_sign(h: Hypothesis) -> Hypothesis:
+    """The same effect by the sign of each move."""
+
+    def sign(p: Parameter) -> Parameter:
+        terms = (replace(t, basis=(replace(t.basis[0], fn="tanh", c1=_STEEP), t.basis[1])) for t in p.terms)
+        return replace(p, terms=tuple(terms))
+
+    return replace(h, parameters=tuple(map(sign, h.parameters)))
+
+
 def with_equivalents(study: Study, h: Hypothesis, competing: Sequence[str]) -> tuple[str, ...]:
     """Effects that these data cannot tell from this one, and those that no data can."""
     equivalent = study.competition.equivalents.get(h.effect, ())
@@ -585,7 +664,7 @@ def _found_signal(h: Hypothesis, posterior: Posterior) -> Array:
     return array(columns @ _ridge(columns, mine.signal, posterior.scorer.scale))
 
 
-def imitates(other: Scored[Hypothesis], signal: Array, scale: float) -> bool:
+def imitates(other: Scored[Hypothesis] | Scored[Cell], signal: Array, scale: float) -> bool:
     """Whether another effect could imitate what was found: less than CONFOUNDED_CHI2 units of chi^2 stay
     unexplained (METHOD.md 16)."""
     columns = other.columns

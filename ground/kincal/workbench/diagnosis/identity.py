@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from kincal_shared.schema.terms import ONE
 
 from ..evidence.adequacy import STRUCTURE_P, Where, explained, structure
+from ..evidence.neighbours import Alike
 from ..fit.least_squares import Fit
 from ..model.effects import Hypothesis
 from ..model.places import all_places
@@ -20,17 +21,18 @@ more than noise (docs/DIAGNOSIS.md)."""
 @dataclass(frozen=True)
 class Left:
     """What a final model leaves: its fit, p-value of lack of fit (None where no noise is known), and what the
-    rest follows, of all variables; p_unseen: as of `Comparison`."""
+    rest follows, of all variables; alike, p_unseen: as of `Comparison`."""
 
     fit: Fit
     p_lack_of_fit: float | None
     where: tuple[Where, ...]
+    alike: Alike | None = None
     p_unseen: float | None = None
 
     @property
     def is_noise(self) -> bool:
-        """No more than a known noise, where one is known, and it follows no variable."""
-        return explained(self.p_lack_of_fit, structure(self.where), self.p_unseen)
+        """No more than a known noise, if there is one, follows no variable, not alike at near poses."""
+        return explained(self.p_lack_of_fit, structure(self.where), self.alike, self.p_unseen)
 
     @property
     def is_known_noise(self) -> bool:

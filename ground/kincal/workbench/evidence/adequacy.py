@@ -14,6 +14,7 @@ from ..fit.thinning import thinned
 from ..numerics.distributions import chi2_quantile, chi2_tail, f_tail, normal_quantile, rank_sum_p
 from ..numerics.types import Array, Mask
 from .bayes_factors import LN_SCALE_SIGMA
+from .neighbours import Alike, neighbours_alike
 from .replicates import Approached, replicates
 from .scoring import Scorer, bulk_weights, scaled_p
 from .unnamed import Driver, drivers
@@ -253,8 +254,7 @@ def where_it_fails(fit: Fit) -> tuple[Where, ...]:
 
     The p-value counts the places tried for that variable (Bonferroni), not the number of variables.
     """
-    fit = thinned(fit)
-    scorer = Scorer(fit, bulk_weights(fit), fit.data.cov is not None)
+    scorer = _scorer(fit)
     total = max(scorer.left, 1e-300)
     by_variable: dict[str, list[Where]] = {}
     for s in scorer.map(double=False):
@@ -262,6 +262,16 @@ def where_it_fails(fit: Fit) -> tuple[Where, ...]:
         found = Where(name, scaled_p(s, scorer.scale), s.score.chi2 / total, s.best.location)
         by_variable.setdefault(name, []).append(found)
     return tuple(sorted(map(_best_place, by_variable.values()), key=_least_likely))
+
+
+def near_poses_alike(fit: Fit) -> Alike | None:
+    """What a fit leaves alike at poses that are near each other; None where they are too few to tell."""
+    return neighbours_alike(_scorer(fit))
+
+
+def _scorer(fit: Fit) -> Scorer:
+    fit = thinned(fit)
+    return Scorer(fit, bulk_weights(fit), fit.data.cov is not None)
 
 
 def unseen_p(fit: Fit, held: Measurements, outliers: Outliers) -> float:
@@ -302,10 +312,15 @@ def structure(where: Sequence[Where]) -> float:
     return min(1.0, where[0].p_value * len(where)) if where else 1.0
 
 
-def explained(p_lack_of_fit: float | None, p_structure: float, p_unseen: float | None = None) -> bool:
-    """What is left is no larger than a known noise, where one is known, follows no variable, and is as large
-    at poses that the file keeps back, where it keeps some. Outliers count in none."""
+def explained(
+    p_lack_of_fit: float | None, p_structure: float, alike: Alike | None, p_unseen: float | None = None
+) -> bool:
+    """What is left is no larger than a known noise, where one is known, follows no variable, is not alike at
+    poses that are near each other, and is as large at poses that the file keeps back, where it keeps some.
+    Outliers count in none."""
     small = p_lack_of_fit is None or p_lack_of_fit > ADEQUATE_P
+    if alike is not None and alike.shown:
+        return False
     return small and p_structure > STRUCTURE_P and (p_unseen is None or p_unseen > STRUCTURE_P)
 
 

@@ -14,9 +14,10 @@ import numpy as np
 from kincal.rotations import matrix_of_wxyz
 
 from ..fit.columns import Columns
-from ..model.unnamed_names import GRAVITY, ORIENTATION, TOOL_AXES
+from ..model.unnamed_names import GRAVITY, HEADINGS, ORIENTATION, TOOL_AXES
 from ..numerics.types import Array, array
 
+_XYZ = "xyz"
 _LEAST_SPREAD = 1e-3  # of the components of a unit vector: less is no turn
 _SECOND = 0.5  # size of the second degree of a function relative to the first one: it is smooth
 
@@ -26,31 +27,56 @@ def orientation_features(columns: Columns) -> Iterator[tuple[str, Array]]:
 
     ORIENTATION: in proportion to the nine components of the tool's axes as the sensor sees them, in the frame
     of the camera or else of the base; TOOL_AXES: the direction of one of these axes, to the second degree;
-    GRAVITY: its direction in the frame of the tool, to the second degree.
+    GRAVITY: its direction in the frame of the tool, to the second degree; HEADINGS: a wave of some periods a
+    turn, which is of a higher degree.
     """
-    tool = _tool(columns)
-    axes, gravity = _axes(columns, tool), _gravity(columns, tool)
+    tool, axes = _tool(columns), axes_of_tool(columns)
+    gravity = _gravity(columns, tool)
     every = axes.reshape(-1, 9)
     if _varies(every):
         yield ORIENTATION, _centred(every)
     for name, direction in zip((*TOOL_AXES, GRAVITY), (*axes.transpose(2, 0, 1), gravity), strict=True):
         if _varies(direction):
             yield name, _centred(_to_second_degree(direction))
+    for name, (*_, periods) in HEADINGS.items():
+        angle = periods * _heading(name, axes)
+        wave = np.column_stack([np.cos(angle), np.sin(angle)])
+        if _varies(wave):
+            yield name, _centred(wave)
 
 
 def z_component(driver: str, columns: Columns) -> Array:
-    """(N,) of the direction that a driver is, to plot against; of all axes, that of the tool's z axis."""
-    tool = _tool(columns)
+    """(N,) of the direction that a driver is, to plot against; of all axes, that of the tool's z axis. Of a
+    heading the angle [rad]."""
     if driver == GRAVITY:
-        return array(_gravity(columns, tool)[:, 2])
+        return array(_gravity(columns, _tool(columns))[:, 2])
+    axes = axes_of_tool(columns)
+    if driver in HEADINGS:
+        return _heading(driver, axes)
     axis = TOOL_AXES.index(driver) if driver in TOOL_AXES else 2
-    return array(_axes(columns, tool)[:, 2, axis])
+    return array(axes[:, 2, axis])
 
 
-def _axes(columns: Columns, tool: Array) -> Array:
-    """(N, 3, 3) axes of the tool, as columns, in the frame of the camera or else of the base."""
+def axes_of_tool(columns: Columns) -> Array:
+    """(N, 3, 3) axes of the tool, as columns, in the frame of the sensor, where the model expects it."""
+    return array(from_base(columns) @ _tool(columns))
+
+
+def from_base(columns: Columns) -> Array:
+    """(N, 3, 3) turns from the base to the frame of the sensor: of the camera, or else of the base."""
     camera = columns.fit.data.cam_quat_wxyz
-    return tool if camera is None else array(matrix_of_wxyz(camera).transpose(0, 2, 1) @ tool)
+    if camera is None:
+        return np.broadcast_to(np.eye(3), (columns.n, 3, 3))
+    return array(matrix_of_wxyz(camera).transpose(0, 2, 1))
+
+
+def _heading(driver: str, axes: Array) -> Array:
+    """(N,) angle [rad] of an axis about one of the other frame. axes: (N, 3, 3) of the tool, as columns, in
+    the frame of the sensor."""
+    axis, about, _ = HEADINGS[driver]
+    seen = axes if axis in TOOL_AXES else axes.transpose(0, 2, 1)
+    own, other = (_XYZ.index(name[-1]) for name in (axis, about))
+    return array(np.arctan2(seen[:, other - 1, own], seen[:, other - 2, own]))
 
 
 def _gravity(columns: Columns, tool: Array) -> Array:

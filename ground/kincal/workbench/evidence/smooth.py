@@ -79,9 +79,10 @@ def smooth_effect(name: UnnamedName, scorer: Scorer, *, most: int = MOST_TERMS) 
 
 def full_effect(name: UnnamedName, scorer: Scorer) -> SmoothEffect:
     """All shapes of the family and the size with the most evidence. Errors as `smooth_effect`."""
-    if name.of_orientation:
+    if name.without_terms:
+        what = "last move" if name.of_tool_move else "orientation"
         raise CannotAnswer(
-            f"{name}: no term can follow the orientation of the tool: flight has no such variables",
+            f"{name}: no term can follow the {what} of the tool: flight has no such variables",
             todo="look at the target, the sensor and the tool; an arm model is no place for their errors",
         )
     fit = scorer.columns.fit

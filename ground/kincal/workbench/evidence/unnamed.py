@@ -23,9 +23,10 @@ from kincal_shared.schema.terms import Basis
 from ..data.measurements import Measurements
 from ..fit.columns import Columns
 from ..model.places import TYPICAL_SIZE, ErrorPlace, joint_places, other_places
-from ..model.unnamed_names import GRAVITY, ORIENTATION, TOOL_AXES
+from ..model.unnamed_names import GRAVITY, HEADINGS, ORIENTATION, TOOL_AXES, TOOL_MOVE
 from ..numerics.types import Array, array
 from .bayes_factors import Moments
+from .lag import last_move_of_tool
 from .orientation import orientation_features
 from .products import ScoredProduct
 
@@ -36,8 +37,8 @@ _MIN_INCIDENCE_POSES = 6
 _MIN_IMAGE_SPREAD = 0.01  # of normalised image position: about 14 px
 _LEAST_EIGENVALUE = 1e-6  # of the largest one
 _SHIFTS, _TURNS = (0, 1, 2), (3, 4, 5)
-_MEASURED = "measured orientation"
-_SEEN = (ORIENTATION, *TOOL_AXES)
+_MEASURED, MEASURED_POSE = "measured orientation", "measured pose"
+_SEEN = (ORIENTATION, *TOOL_AXES, *HEADINGS)
 # What may follow the orientation of the tool: errors of the sensor follow it as the sensor sees it, a tool or
 # a target that bends follows gravity.
 _ORIENTED = {
@@ -45,8 +46,8 @@ _ORIENTED = {
     "camera translation": _SEEN,
     "range": _SEEN,
     _MEASURED: _SEEN,
-    "tool rotation": (GRAVITY,),
-    "tool translation": (GRAVITY,),
+    "tool rotation": (GRAVITY, *HEADINGS),
+    "tool translation": (GRAVITY, *HEADINGS),
 }
 
 
@@ -121,7 +122,7 @@ def cells(columns: Columns, *, double: bool = True) -> list[Cell]:
     places, singles = locations(columns), drivers(columns)
     joints = [place for place in places if place.name.startswith("joint")]
     out = [_cell(place, driver) for place in places for driver in singles if driver.acts_at(place.name)]
-    out += [_cell(place, driver) for place, by in oriented(columns) for driver in by]
+    out += [_cell(place, driver) for place, by in (*oriented(columns), *lagging(columns)) for driver in by]
     if double:
         out += [_cell(place, driver) for driver in _pairs(columns) for place in joints]
     return out
@@ -179,6 +180,24 @@ def oriented(columns: Columns) -> list[tuple[Location, list[Driver]]]:
     measured = [_measured(columns)] if columns.c == 6 else []
     places = [place for place in (*locations(columns), *measured) if place.name in _ORIENTED]
     return [(place, [made[name] for name in _ORIENTED[place.name] if name in made]) for place in places]
+
+
+def lagging(columns: Columns) -> list[tuple[Location, list[Driver]]]:
+    """The measured pose, moved back along the last move of the tool, as by a sensor that lags: by a share of
+    its length, and of its turn. None where the order of the data tells no moves."""
+    move = last_move_of_tool(columns.fit)
+    if move is None:
+        return []
+    rows = np.stack([_along(columns, move, part) for part in range(columns.c // 3)], axis=1)
+    return [(Location(MEASURED_POSE, rows), [Driver(TOOL_MOVE, np.ones((columns.n, 1)))])]
+
+
+def _along(columns: Columns, move: Array, part: int) -> Array:
+    """(N, c) of the positions (part 0) or the rotations (1) of moves (N, 6), scaled to unit mean square."""
+    own = slice(3 * part, 3 * part + 3)
+    size = np.sqrt((move[:, own] ** 2).sum(axis=1).mean())
+    rows = np.einsum("nij,nj->ni", columns.fit.whiten[:, :, own], move[:, own] / max(size, 1e-9))
+    return TYPICAL_SIZE * columns.weighted(rows.ravel()).reshape(rows.shape)
 
 
 def _measured(columns: Columns) -> Location:

@@ -6,8 +6,9 @@ from kincal_shared.schema.terms import Basis
 
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit
-from ..model.unnamed_names import OF_ORIENTATION
+from ..model.unnamed_names import OF_ORIENTATION, TOOL_MOVE
 from ..numerics.types import Array, array
+from .lag import length_of_last_move
 from .orientation import z_component
 from .unnamed import drivers
 
@@ -24,6 +25,8 @@ def variable_values(name: str, fit: Fit) -> Array:
         return fit.model.basis_values(Basis("lin", "tau", int(name[3:])), fit.estimate)
     if name in OF_ORIENTATION:
         return z_component(name, Columns(fit))
+    if name == TOOL_MOVE:
+        return length_of_last_move(fit)
     return next(driver.features[:, 0] for driver in drivers(Columns(fit)) if driver.name == name)
 
 

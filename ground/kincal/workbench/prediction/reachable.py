@@ -19,6 +19,7 @@ from ..data.measurements import Measurements
 from ..evidence.unnamed import drivers, locations, oriented
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit, rms
+from ..model.unnamed_names import HEADINGS
 from ..numerics.types import Array, Indices, array
 from .additive_gp import Components, Fitted, Place
 
@@ -244,7 +245,9 @@ def _places(columns: Columns) -> Iterator[_Functions]:
     for place in (places | {name: place for name, (place, _) in by_orientation.items()}).values():
         seen = (place.rows**2).sum(axis=(1, 2))
         _, by = by_orientation.get(place.name, (place, []))
-        may_follow = (singles if place.name in places else {}) | {d.name: d.features for d in by}
+        # waves over headings are many, and on real arms they made the prediction worse
+        seen_by = {d.name: d.features for d in by if d.name not in HEADINGS}
+        may_follow = (singles if place.name in places else {}) | seen_by
         features = {name: x for name, x in may_follow.items() if (seen @ x**2).any()}
         if place.name.startswith("joint"):
             waves = _ripples(columns, int(place.name.split()[1]))

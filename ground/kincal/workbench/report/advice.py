@@ -119,9 +119,10 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     change = d.advised
-    if d.novel is not None and d.novel.found and UnnamedName.parse(d.novel.name).of_orientation:
+    cause = explain.cause_without_terms(d.novel.name) if d.novel is not None and d.novel.found else ""
+    if cause:
         yield Step(
-            f"{explain.FOLLOWS_ORIENTATION}; {explain.NO_TERM}",
+            f"{cause}; {explain.NO_TERM}",
             _kincal("compare", *inputs.sources, *inputs.diagnosed),
         )
     smooth = [] if d.novel is None or d.exhausted else [*_smooth(d.novel, inputs)]
@@ -149,7 +150,7 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 def _smooth(u: UnnamedFinding, inputs: Inputs) -> Iterator[Step]:
     """What follows time is added by its name: `unnamed` alone adds what predicts poses to come."""
     words = (*inputs.written, *inputs.library, *inputs.sources)
-    if UnnamedName.parse(u.name).of_orientation:
+    if UnnamedName.parse(u.name).without_terms:
         return
     if UnnamedName.parse(u.name).of_time and u.curves and u.held.gains:
         yield Step(
@@ -170,8 +171,12 @@ def _only_predicting(d: Diagnosis) -> str:
     if not names:
         return ""
     verb = "improves" if len(names) == 1 else "improve"
-    more = "something unnamed explains" if d.novel is not None else "others explain"
-    return f"; {explain.listed(names)} {verb} cross-validation, but {more} more: no cause is shown"
+    more = "others explain more"
+    if d.novel is not None:
+        more = "something unnamed explains more"
+        if not d.novel.found:  # these poses say so, and unseen ones do not confirm it
+            more += f" of these poses ({explain.probability(d.novel.probability)} that it helps on others)"
+    return f"; {explain.listed(names)} {verb} cross-validation, but {more}: no cause is shown"
 
 
 def _measured(d: Diagnosis) -> bool:

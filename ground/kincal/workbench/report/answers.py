@@ -11,7 +11,7 @@ from ..comparison.fitting import FitResult
 from ..diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
 from ..evidence.adequacy import REPLICATES, NoiseFloor, Where
 from ..evidence.curves import Curve
-from ..evidence.serial import Serial
+from ..evidence.neighbours import Alike
 from ..prediction.nested import HELD_OUT, NestedModel, NestedModels
 from ..prediction.nextposes import NextPose, would_decide
 from . import explain
@@ -47,7 +47,7 @@ def _reachable(c: Comparison) -> Json | None:
     return {
         **_pos_rot(r.pos_m, r.rot_rad),
         "without_outliers": usual,
-        "by": explain.reachable_by(r, c.p_structure),
+        "by": explain.reachable_by(r, structured=c.structured),
     }
 
 
@@ -61,6 +61,12 @@ def _where(found: Sequence[Where]) -> list[Json]:
         }
         for w in found
     ]
+
+
+def _alike(a: Alike | None) -> Json | None:
+    if a is None:
+        return None
+    return {"by": list(a.by), "at": a.at, "p_value": a.p_value, "correlation": a.correlation}
 
 
 def comparison_json(c: Comparison) -> Json:
@@ -92,6 +98,7 @@ def comparison_json(c: Comparison) -> Json:
         "chi2_per_dof": c.chi2_per_dof,
         "p_lack_of_fit": c.p_lack_of_fit,
         "p_structure": c.p_structure,
+        "neighbours": _alike(c.alike),
         "turned_frame": c.turned
         and {"rotation_rad": list(c.turned.rotation_rad), "p_value": c.turned.p_value},
         "p_unseen": c.p_unseen,
@@ -110,6 +117,7 @@ def diagnosis_json(d: Diagnosis, next_poses: Sequence[NextPose] = (), steps: Seq
     """`kincal model diagnose --json`."""
     return {
         **comparison_json(d.comparison),
+        "adequate": d.adequate,
         "errors": [
             {
                 "model": e.model,
@@ -190,6 +198,7 @@ def _remainder_json(r: Remainder) -> Json:
         "held": _pos_rot(r.held_pos_m, r.held_rot_rad),
         "noise_floor": _pos_rot(r.floor.pos_m, r.floor.rot_rad),
         "where": _where(r.where),
+        "neighbours": _alike(r.alike),
     }
 
 
@@ -251,9 +260,9 @@ def _text(position_m: float | None, rotation_rad: float | None) -> str:
     return f"{position_m * 1e3:.3f} mm{tail}"
 
 
-def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
-    """Numbers, what is left and where, and the worst poses. serial: noise that a diagnosis found to be
-    correlated in time."""
+def comparison_text(c: Comparison, *, adequate: bool = True) -> str:
+    """Numbers, what is left and where, and the worst poses. adequate: nothing more than the comparison, such
+    as a diagnosis, says that the model does not explain the data."""
     untested = "cannot be tested: the noise level is unknown"
     against = REPLICATES if c.noise_floor.source == REPLICATES else "the stated noise"
     p_text = untested if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}, against {against}"
@@ -270,7 +279,7 @@ def comparison_text(c: Comparison, serial: Serial | None = None) -> str:
         f"lack of fit        {p_text}",
         f"residual           {explain.left_over(c)}",
         *([f"unseen poses       {explain.unseen(c)}"] if c.p_unseen is not None else []),
-        f"verdict            {explain.adequacy(c, serial)}",
+        f"verdict            {explain.adequacy(c, adequate=adequate)}",
         "",
         *_rest_lines(c),
     ]
@@ -320,7 +329,7 @@ def _reachable_text(c: Comparison) -> str:
     if r is None:
         return "unknown (no poses are held out)"
     without = explain.reachable_without(r, c.outliers)
-    return f"{_text(r.pos_m, r.rot_rad)} ({without}{explain.reachable_by(r, c.p_structure)})"
+    return f"{_text(r.pos_m, r.rot_rad)} ({without}{explain.reachable_by(r, structured=c.structured)})"
 
 
 def _rest_lines(c: Comparison) -> list[str]:

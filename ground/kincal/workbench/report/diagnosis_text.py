@@ -39,7 +39,8 @@ def numbers_text(numbers: Sequence[BigNumber]) -> list[str]:
 
 def _next(steps: Sequence[Step], poses: Sequence[NextPose]) -> list[str]:
     lines = [line for step in steps for line in (f"  # {step.why}", f"  {step.command}")]
-    return [*(["", "what to do next:", *lines] if lines else []), *(["", poses_text(poses)] if poses else [])]
+    listed = ["", poses_text(poses)] if poses and not explain.cannot_decide(poses) else []
+    return [*(["", "what to do next:", *lines] if lines else []), *listed]
 
 
 def _found(d: Diagnosis) -> Iterator[str]:
@@ -81,7 +82,7 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
         f"not in the library: {explain.unnamed(u)} "
         f'({explain.probability(u.probability)} against "nothing missing" and every named effect)',
         *([f'      a smooth function there, "{u.name}": {explain.smooth_gain(u)}'] if _modelled(u) else []),
-        *([f"      {explain.FOLLOWS_ORIENTATION}"] if UnnamedName.parse(u.name).of_orientation else []),
+        *[f"      {cause}" for cause in [explain.cause_without_terms(u.name)] if cause],
         *([] if u.found else [f"      {explain.MAY_BE_NOISE}"]),
         *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
     ]
@@ -89,11 +90,11 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
 
 def _modelled(u: UnnamedFinding) -> bool:
     """Something is known of its function: its curves, or, of one that no term can hold, what it predicts."""
-    return bool(u.curves) or (UnnamedName.parse(u.name).of_orientation and math.isfinite(u.held.after_m))
+    return bool(u.curves) or (UnnamedName.parse(u.name).without_terms and math.isfinite(u.held.after_m))
 
 
 def _details(d: Diagnosis) -> Iterator[str]:
-    yield from ("", comparison_text(d.comparison, d.serial))
+    yield from ("", comparison_text(d.comparison, adequate=d.adequate))
     if d.effects or d.novel:
         yield from _remainder_lines(d)
     if d.not_testable:
@@ -106,6 +107,8 @@ def _remainder_lines(d: Diagnosis) -> Iterator[str]:
         for w in d.remainder.where
         if w.p_value < 0.001
     ]
+    if not found and d.remainder.alike is not None and d.remainder.alike.shown:
+        found = [explain.alike(d.remainder.alike)]
     if found:
         yield f"residual of the final model: {', '.join(found)}"
 

@@ -11,11 +11,12 @@ from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from ..diagnosis.suggestions import Suggestion
 from ..evidence.adequacy import REPLICATES, STRUCTURE_P, UNKNOWN, NoiseFloor, Outliers, TurnedFrame
+from ..evidence.neighbours import Alike
 from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
-from ..model.unnamed_names import UnnamedName
+from ..model.unnamed_names import HEADINGS, SENSOR_AXES, UnnamedName
 from ..prediction.gain import judged, much_worse
 from ..prediction.nested import EffectGain, NestedModels
 from ..prediction.nextposes import NextPose, poses_to_decide
@@ -46,6 +47,7 @@ _DRIVERS = {
     "tool_y": "direction of the tool's y axis",
     "tool_z": "direction of the tool's z axis",
     "gravity": "gravity in the tool frame",
+    "tool_move": "last move of the tool",
 }
 _JOINT_DRIVERS = {
     "tau": "gravity torque",
@@ -53,6 +55,7 @@ _JOINT_DRIVERS = {
     "move": "last move",
     "qdot": "velocity",
 }
+_NEAR = {"orientation": "orientation of the tool", "all joints": "all joint angles"}
 _NO_ARTICLE = ("time", "temperature", "tool position", "gravity in")  # of what is said of them in words
 _SLOW = {"t", "order", "temp"}  # what only these change drifts
 _AT = {
@@ -65,6 +68,7 @@ _AT = {
     "tag rotation": "tag orientation",
     "tag tilt": "measured tilt of the tag",
     "measured orientation": "measured orientation",
+    "measured pose": "measured pose",
     "range": "measured range",
 }
 _BLOCKS = {
@@ -76,6 +80,9 @@ _BLOCKS = {
 
 def in_words(variable: str) -> str:
     """A driver variable: tau2 -> gravity torque of joint 2; joint angles and unknown names stay."""
+    if variable in HEADINGS:
+        axis, about, periods = HEADINGS[variable]
+        return f"heading of {_axis(axis)} about {_axis(about)}, {periods} periods a turn"
     kind = variable.rstrip("0123456789")
     if kind in _JOINT_DRIVERS and kind != variable:
         return f"{_JOINT_DRIVERS[kind]} of joint {variable[len(kind) :]}"
@@ -86,6 +93,12 @@ def _in_sentence(variable: str) -> str:
     """A driver variable inside a sentence: the gravity torque of joint 2."""
     text = in_words(variable)
     return text if text == variable or text.startswith(_NO_ARTICLE) else f"the {text}"
+
+
+def _axis(name: str) -> str:
+    """tool_x: the tool's x axis."""
+    of, _, axis = name.partition("_")
+    return f"the {of}'s {axis} axis"
 
 
 def _error_at(location: str) -> str:
@@ -167,7 +180,7 @@ def smooth_gain(u: UnnamedFinding) -> str:
     """What poses that were not fitted say of the function of something unnamed. One of the tool's orientation
     may concern the rotations alone: both errors are said, and no judgement on positions."""
     gain = u.held
-    if not UnnamedName.parse(u.name).of_orientation or not math.isfinite(gain.after_m):
+    if not UnnamedName.parse(u.name).without_terms or not math.isfinite(gain.after_m):
         return held_gain(gain)
     turned = "" if gain.rotation is None else f", rotation error times {gain.rotation:.3f}"
     return f"cross-validated error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm{turned}"
@@ -274,10 +287,15 @@ _MOST_POSES = 1000  # more is no advice
 _FAR_BELOW = 0.05  # of the known noise: no fit leaves so little
 
 
+def cannot_decide(poses: Sequence[NextPose]) -> bool:
+    """No number of such poses that anybody would measure tells the effects apart."""
+    return poses_to_decide(poses) > _MOST_POSES
+
+
 def would_not_decide(poses: Sequence[NextPose]) -> str:
     """What to do where next poses would hardly tell the effects apart."""
     more = poses_to_decide(poses)
-    many = f"about {more}" if more <= _MOST_POSES else f"not even {_MOST_POSES}"
+    many = f"not even {_MOST_POSES}" if cannot_decide(poses) else f"about {more}"
     few = "1 more pose is" if len(poses) == 1 else f"{len(poses)} more poses are"
     return (
         f"{few} not enough (power {poses[-1].power:.2f}); {many} would give an even chance; inspecting the "
@@ -330,6 +348,15 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
+def alike(a: Alike) -> str:
+    """What near poses have in common."""
+    near = listed([_NEAR.get(name, in_words(name)) for name in a.by])
+    if a.by[0] in SENSOR_AXES:
+        near = f"direction of {_axis(a.by[0])} in the frame of the tool"
+    what = "its motion" if a.at.startswith("joint") else "its part"
+    return f"near poses, by {near}, have {what} at {a.at} in common (p = {a.p_value:.2g})"
+
+
 def left_over(c: Comparison) -> str:
     """What is left on the fitted poses beside what is known of the noise: stated, estimated or unknown; and
     whether it is noise at all."""
@@ -344,6 +371,8 @@ def left_over(c: Comparison) -> str:
         if position < _FAR_BELOW * known:
             text += ": is it stated in another unit?"
     if c.p_structure > STRUCTURE_P or not c.where:
+        if c.alike is not None and c.alike.shown:
+            return f"{text}; {alike(c.alike)}: structure, not noise"
         return f"{text}; it depends on no recorded variable"
     first = c.where[0]
     share, variable = percent(first.share_of_variance), _in_sentence(first.variable)
@@ -375,10 +404,10 @@ def unseen(c: Comparison) -> str:
     return f"predicted {worse} the noise of the fitted poses allows (p = {c.p_unseen:.3g})"
 
 
-def adequacy(c: Comparison, serial: Serial | None = None) -> str:
-    """Whether the model explains the data; a fit that makes held-out poses worse explains nothing, nor
-    does one that leaves what follows time (serial)."""
-    if not c.adequate or serial is not None:
+def adequacy(c: Comparison, *, adequate: bool = True) -> str:
+    """Whether the model explains the data; a fit that makes held-out poses worse explains nothing. adequate:
+    as of `comparison_text`."""
+    if not (c.adequate and adequate):
         return "the model does NOT explain these data"
     but = but_for(c.outliers)
     (before, _), *_, (after, _) = c.errors_without(c.outliers.ids).values()
@@ -416,11 +445,11 @@ def turned_frame(t: TurnedFrame) -> str:
     )
 
 
-def reachable_by(r: Reachable, p_structure: float) -> str:
+def reachable_by(r: Reachable, *, structured: bool) -> str:
     """From what the reachable error was predicted, or why it is that of the model."""
     if not r.enough:
         return "too few poses to tell"
-    if not r.parts and p_structure <= STRUCTURE_P:
+    if not r.parts and structured:
         return "Gaussian process regression on all recorded variables at once predicts none of it"
     if not r.parts:
         return "the residual depends on no recorded variable"
@@ -565,6 +594,20 @@ FOLLOWS_ORIENTATION = (
     "calibration, at the sensor's line of sight, and at a tool that bends"
 )
 """Of a function of the tool's orientation: what may be its cause."""
+SENSOR_LAGS = (
+    "the measured pose stays behind along the way from the pose before: look for a filter or an average over "
+    "time in the sensor; measure again after waiting longer"
+)
+"""Of a function of the tool's last move: what may be its cause."""
+
+
+def cause_without_terms(name: str) -> str:
+    """What may be the cause of something unnamed that no term can follow; empty for anything else."""
+    parsed = UnnamedName.parse(name)
+    if parsed.of_tool_move:
+        return SENSOR_LAGS
+    return FOLLOWS_ORIENTATION if parsed.without_terms else ""
+
 
 NO_TERM = "no term of a model can follow it, and functions of the joints would only stand for it"
 """Of such a function: why it is not added."""
@@ -579,6 +622,8 @@ MAY_BE_NOISE = (
 def _closest(d: Diagnosis) -> str:
     if d.comparison.outliers.clusters:
         return outlier_note(d.comparison.outliers)
+    if d.comparison.alike is not None and d.comparison.alike.shown:
+        return f"{alike(d.comparison.alike)}, as no variable of the map describes"
     names = [e.name for e in d.effects][:3]
     return f"{listed(names)} come closest" if names else "no effect stands out"
 

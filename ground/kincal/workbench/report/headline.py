@@ -86,12 +86,11 @@ def reachable_number(c: Comparison, outliers: Outliers | None = None) -> BigNumb
     found = c.reachable
     if found is None:
         return BigNumber("reachable", None, None, "no poses are held out")
+    by = explain.reachable_by(found, structured=c.structured)
     if not found.enough:
-        return BigNumber("reachable", None, None, explain.reachable_by(found, c.p_structure))
+        return BigNumber("reachable", None, None, by)
     without = explain.reachable_without(found, outliers or c.outliers)
-    return BigNumber(
-        "reachable", found.pos_m, found.rot_rad, without + explain.reachable_by(found, c.p_structure)
-    )
+    return BigNumber("reachable", found.pos_m, found.rot_rad, without + by)
 
 
 def _floor(c: Comparison) -> BigNumber:

@@ -17,7 +17,7 @@ from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal_shared.schema.names import COMPONENTS, VARIABLES
 from kincal_shared.schema.terms import Basis
 
-from ..evidence.unnamed import Location, locations, oriented
+from ..evidence.unnamed import MEASURED_POSE, Location, lagging, locations, oriented
 from ..evidence.variables import variable_values
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit
@@ -223,13 +223,14 @@ def place_panels(fit: Fit, place: str, drivers: Sequence[str]) -> tuple[Panel, .
     """What a fit leaves at a place of the location x driver map against one or two drivers: one panel for
     each axis of the place, those with the largest motion first."""
     columns = Columns(fit)
-    places = (*locations(columns), *(location for location, _ in oriented(columns)))
+    others = (*oriented(columns), *lagging(columns))
+    places = (*locations(columns), *(location for location, _ in others))
     where = next(location for location in places if location.name == place)
     x = variable_values(drivers[0], fit)
     second = (drivers[1], variable_values(drivers[1], fit)) if len(drivers) > 1 else None
     panels = (
         _panel(
-            fit, place=name, angular=_angular(fit, place), driver=drivers[0], unit=_unit(fit, drivers[0]),
+            fit, place=name, angular=_angular(fit, name), driver=drivers[0], unit=_unit(fit, drivers[0]),
             x=x, second=second, motion=_motion(fit, direction), fitted=np.zeros(fit.data.n),
         )
         for name, direction in _directions(where, columns.weight)
@@ -240,12 +241,15 @@ def place_panels(fit: Fit, place: str, drivers: Sequence[str]) -> tuple[Panel, .
 def _angular(fit: Fit, place: str) -> bool:
     if place.startswith("joint"):
         return not fit.arm.joints[int(place.split()[1]) - 1].prismatic
-    return not ("translation" in place or place == "range")
+    return not ("translation" in place or place in ("range", "measured position"))
 
 
 def _directions(where: Location, weight: Array) -> Iterator[tuple[str, Array]]:
     """Each axis of a place with its (N, c) whitened derivative by a motion of 1 rad or m."""
     rows = where.rows / (TYPICAL_SIZE * np.sqrt(weight)[:, None, None])
+    if where.name == MEASURED_POSE:
+        yield from zip(("measured position", "measured orientation"), rows.transpose(1, 0, 2), strict=False)
+        return
     for k, axis in enumerate("xyz"[: rows.shape[1]]):
         yield where.name if rows.shape[1] == 1 else f"{where.name}, {axis}", rows[:, k]
 
