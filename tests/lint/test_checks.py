@@ -149,6 +149,7 @@ def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, he
         ({"fsw/app/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
         ({"sim/kincal_sim/x.py": "LIB = 'build/libkincal.so'\n"}, "must not load the flight core"),
         ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
+        ({"sim/native/ks_y.c": '#include "kc_rot.h"\n'}, "must not include flight code"),
         (
             {
                 "fsw/app/kc_a.h": "void kc_a(void);\n",

@@ -149,5 +149,7 @@ class Arm:
         """Names of the shapes that touch at this posture."""
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_collision(self.model, self.data)
+        if not self.data.ncon:  # mostly; the list is slow even if it is empty
+            return []
         shape = self._shape_names
         return [(shape[a], shape[b]) for a, b in self.data.contact.geom]
