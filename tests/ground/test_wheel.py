@@ -54,7 +54,7 @@ def test_wheel_holds_what_it_runs(wheel):
     messages = {f"kcm/{p.stem}.py" for p in (ROOT / "fsw" / "msg").glob("*.lcm")}
     tree = {f"kincal/_tree/{name}" for name in ("sim/scenarios/paper.toml", "sim/campaigns/errors.toml",
             "sim/models/detector.yml", "tables/bin/space.tbl", "tables/src/space.toml", "build/kincal-fsw",
-            "build/kincal-tagdet")}  # fmt: skip
+            "build/kincal-tagdet", "build/libsim_native.so")}  # fmt: skip
     assert {"kincal/_core/libkincal.so", "kincal/_core/kincal_cdef.h", "kincal/_core/musl.COPYRIGHT",
             "kincal/_core/monocypher.LICENCE.md",
             "kincal/workbench/model/effects.toml",

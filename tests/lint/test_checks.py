@@ -65,6 +65,7 @@ def tree(root: Path) -> Path:
         "fsw/lcm/main.c": "int main(void) { return 0; }\n",
         "ground/native/kg_batch.c": '#include "kc_model.h"\n'
         "int kg(void);\nint kg(void) { return kc_model(1); }\n",
+        "sim/native/ks_x.c": "extern const int ks_x;\nconst int ks_x = 0;\n",
         "sim/tagdet/main.cpp": "int main() { return 0; }\n",
         "sim/tagdet/frame.cpp": "extern const int kFrame;\nconst int kFrame = 0;\n",
         "tests/bench/wcet.c": "int main(void) { return 0; }\n",
@@ -76,7 +77,8 @@ def tree(root: Path) -> Path:
         "void test_four(void) { TEST_ASSERT_EQUAL_INT(4, kc_math(4)); }\n",
     }
     files["fsw/eigen/kc_eigen.h"] = '#ifdef __cplusplus\nextern "C"\n#endif\nint kc_eigen(int n);\n'
-    for name in ("CMakeLists.txt", "fsw/CMakeLists.txt", "sim/tagdet/CMakeLists.txt", "ground/CMakeLists.txt",
+    for name in ("CMakeLists.txt", "fsw/CMakeLists.txt", "sim/native/CMakeLists.txt",
+                 "sim/tagdet/CMakeLists.txt", "ground/CMakeLists.txt",
                  "fsw/musl/kc_musl_names.h", "fsw/math/kc_libm.h",
                  "tests/cross/CMakeLists.txt", "tests/cross/replay.c", "tests/cross/host.c", "ground/cdef.py",
                  "ground/lcm_files.py", "ground/message_structs.py",
@@ -147,6 +149,7 @@ def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, he
         ({"fsw/app/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
         ({"sim/kincal_sim/x.py": "LIB = 'build/libkincal.so'\n"}, "must not load the flight core"),
         ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
+        ({"sim/native/ks_y.c": '#include "kc_rot.h"\n'}, "must not include flight code"),
         (
             {
                 "fsw/app/kc_a.h": "void kc_a(void);\n",
