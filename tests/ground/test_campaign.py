@@ -44,6 +44,15 @@ name = "comes to an end"
 holds = 'ended != "no end"'
 probability = 0.4
 """
+COMBINED = """
+scenario = "healthy"
+cases = 6
+seed = 5
+sampling = "combinations"
+[[dispersion]]
+key = "env.temp_c"
+choice = [0.0, 1.0]
+"""
 
 
 def spec_file(folder, text=SPEC):
@@ -89,6 +98,7 @@ def whole(tmp_path_factory):
         ),
         ("seed = 7", 'columns = { a = "number" }', ("columns", "a scenario has columns of its own")),
         ("seed = 7", 'sampling = "combinations"', ("sampling", "only choices have combinations")),
+        (SPEC, COMBINED.replace("seed = 5", "seed = 2147483642"), ("seed", "less the cases", "smaller")),
         ("[-0.02, 0.02]", "[0.02, -0.02]", ("dispersion[1].uniform", "empty", "low below high")),
         ("[-0.02, 0.02]", "[0.02, 0.02]", ("empty",)),
         ("uniform = [-0.02, 0.02]", "", ("no distribution", "exactly one")),
@@ -106,6 +116,11 @@ def whole(tmp_path_factory):
         ("config.stop_pos_m", "config.stop_pos", ("stop_pos", "known there")),
         ("[0.001, 0.004]", "[-1.0, 0.004]", ("dispersion[2]", "config.stop_pos_m = -1.0")),
         ("config.stop_pos_m", "arm.errors.J*.phi_rad", ("given twice", "dispersion[1]")),
+        (  # its ends are whole numbers, what is drawn between them is none
+            'key = "config.stop_pos_m"\nuniform = [0.001, 0.004]',
+            'key = "executive.outliers_max"\nuniform = [1.0, 2.0]',
+            ("dispersion[2]", "executive.outliers_max = 1.38", "whole number"),
+        ),
         ("config.stop_pos_m", "calibration.poses", ("given twice", "by set")),
         ("arm.errors.J2.phi_rad", "arm.encoder_noise_rad", ("arm.encoder_noise_rad", "must be 0 or more")),
         ("seed = 7", 'sampling = "sobol"\ncases = 5', ("not valid TOML",)),
@@ -173,9 +188,12 @@ def test_choices_are_equally_likely_and_joints_independent(tmp_path):
 
 def test_conditions_are_read_and_take_missing_values_as_unknown():
     case = {"active": True, "after_pos_m": 0.001, "before_pos_m": 0.01, "verdict": "change", "p_fit": None}
+    case["mission_s"] = float("nan")
     for text, want in {
         "after_pos_m <= 0.001": True, "0 < after_pos_m < 0.5 * before_pos_m": True,
         'not active or verdict == "poor"': False, "p_fit > 0.1": None, "active or p_fit > 0.1": True,
+        "not p_fit > 0.1": None, "not mission_s > 1": None, "mission_s != 1": None, "mission_s < 1": None,
+        f"after_pos_m + {10**400} > 0": None,
         "not active and p_fit > 0.1": False, "before_pos_m / 0 > 1": None,
     }.items():  # fmt: skip
         assert Condition(text).holds(case) is want
@@ -401,6 +419,8 @@ def its_own(_seed, _values): return {"digest": "x"}
 def its_end(_seed, _values): return {"ended": "died"}
 def large(_seed, _values): return {"a": 2**63}
 def raises(_seed, _values): raise ValueError("out of range")
+def raises_bytes(_seed, _values): raise ValueError("no file \\udcff")
+def bytes_(_seed, _values): return {"word": "\\udcff"}
 def mixed(seed, values): return {"a": 1 if values["kind"] == 1 else "text"}
 """
 
@@ -548,6 +568,8 @@ def test_a_module_that_cannot_be_read_is_refused(tmp_path):
         ("its_end", "TypeError: ended is 'died'; a text is needed, other than 'died'"),
         ("large", "TypeError: a is too large; columns hold"),
         ("raises", "ValueError: out of range"),
+        ("raises_bytes", r"ValueError: no file \udcff"),
+        ("bytes_", r"TypeError: 'word' is no Unicode text: '\udcff'"),
     ],
 )
 def test_a_function_that_gives_no_columns_is_an_outcome(tmp_path, name, said):
@@ -586,7 +608,68 @@ def test_a_function_that_was_changed_is_not_mixed(tmp_path):
 # --------------------------------------------------------------------------- replay
 
 
-def test_replay_gives_the_same_bits_and_says_what_differs(whole, tmp_path):
+def test_parts_of_another_campaign_and_a_changed_manifest_are_refused(tmp_path):
+    path = function_file(tmp_path)
+    text = path.read_text()
+    campaign.run(campaign.prepare(path), tmp_path / "a", batch=3)
+    other = spec_file(tmp_path, text.replace("size = 2.0", "size = 1.0"))
+    campaign.run(campaign.prepare(other), tmp_path / "b", batch=3)
+    part = "part-000002.parquet"
+    kept = (tmp_path / "a" / part).read_bytes()
+    shutil.copyfile(tmp_path / "b" / part, tmp_path / "a" / part)
+    for command in (["report", tmp_path / "a"], ["run", spec_file(tmp_path, text), "--out", tmp_path / "a"]):
+        said = shell("campaign", *command)
+        assert said.exit_code == 2
+        assert "cases of another campaign" in said.output
+        assert part in said.output
+    (tmp_path / "a" / part).write_bytes(kept)
+    (tmp_path / "a" / "part-copy.parquet").write_bytes(kept)  # no part
+    assert len(rows(tmp_path / "a")) == 6
+    assert campaign.run(campaign.prepare(spec_file(tmp_path, text)), tmp_path / "a").flown == 0
+    manifest = tmp_path / "a" / "campaign.json"
+    whole_ = manifest.read_text()
+    for changed in (whole_.replace('"size": 2.0', '"size": 3.0'), "[]", '{"spec": 1}'):
+        manifest.write_text(changed)
+        said = shell("campaign", "report", tmp_path / "a")
+        assert said.exit_code == 2
+        assert str(manifest) in said.output
+    manifest.write_text(whole_.replace('"title": ""', '"title": "other words"'))
+    assert len(rows(tmp_path / "a")) == 6
+
+
+def test_modules_of_the_folder_where_it_is_called_are_not_used(tmp_path, monkeypatch):
+    path = function_file(tmp_path)
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / "random.py").write_text("raise RuntimeError('mine')")
+    monkeypatch.chdir(here)
+    assert campaign.run(campaign.prepare(path), tmp_path / "out").died == 0
+
+
+STRANGE = """
+def case(seed, values):
+    off = float("nan") if values["kind"] == 2 else values["kind"]
+    return {"off[/]": off, "ended": "[/x] over"}
+"""
+
+
+def test_not_a_number_is_among_the_worst_and_brackets_are_text(tmp_path):
+    campaign.run(campaign.prepare(function_file(tmp_path, FUNCTION, STRANGE)), tmp_path / "out")
+    said = good("campaign", "report", tmp_path / "out")
+    assert "[/x] over" in said.output
+    found = campaign.report(campaign.read(tmp_path / "out"))
+    assert [bad.index for bad in found.worst] == [1, 4, 2, 5, 0, 3]
+
+
+def test_two_campaigns_without_a_common_outcome_are_not_compared(whole, tmp_path):
+    flown(tmp_path)
+    said = shell("campaign", "report", whole[1], tmp_path / "out")
+    assert said.exit_code == 2
+    assert "after_pos_m" in said.output
+    assert "name a number of both" in said.output
+
+
+def test_replay_gives_the_same_bits_and_says_what_differs(whole, tmp_path, monkeypatch):
     _, folder = whole
     index = int(np.random.default_rng().integers(CASES))
     found = campaign.replay(folder, index, tmp_path / "case.lcmlog")
@@ -595,14 +678,10 @@ def test_replay_gives_the_same_bits_and_says_what_differs(whole, tmp_path):
     assert (tmp_path / "case.lcmlog").stat().st_size > 1000
     with pytest.raises(BadInput, match="there is no case 99"):
         campaign.replay(folder, 99)
-    copy, tables = tmp_path / "copy", tmp_path / "tables"
-    shutil.copytree(folder, copy)
-    shutil.copytree(BIN, tables)
-    manifest = json.loads((copy / "campaign.json").read_text()) | {"tables_folder": str(tables)}
-    manifest["tables"][""]["kin"] = "00000000"
-    (copy / "campaign.json").write_text(json.dumps(manifest))
-    with pytest.raises(BadInput, match=r"the tables have changed \(kin: 00000000 then"):
-        campaign.replay(copy, index)
+    changed = dispersed.crcs(BIN) | {"kin": "00000000"}
+    monkeypatch.setattr(dispersed, "crcs", lambda _folder: changed)
+    with pytest.raises(BadInput, match=r"the tables have changed \(kin: \w+ then, 00000000 now"):
+        campaign.replay(folder, index)
 
 
 def test_a_changed_case_is_found_by_replay(whole, tmp_path):

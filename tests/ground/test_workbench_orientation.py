@@ -184,7 +184,7 @@ def test_waves_over_the_heading_of_the_tool_are_seen(arm, measured, periods, ang
     found = compare(arm, over_heading(measured, 5e-4, periods, angle))
     assert not found.adequate and found.p_structure < 1e-6
     assert (found.where[0].variable, found.where[0].at) == (variable, "base translation")
-    assert UnnamedName("base translation", (variable,)).of_orientation
+    assert UnnamedName("base translation", (variable,)).without_terms
     assert f"the heading of the {variable.split()[3].split('_')[0]}'s" in explain.left_over(found)
 
 

@@ -61,6 +61,14 @@ def fly(reference: str, beside: Path, values: Mapping[str, Value], seed: int) ->
     return Flown(dict(values), outcome, digest.hexdigest(), time.process_time() - begun)
 
 
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:  # half a surrogate pair, as in a file name of other bytes
+        return False
+    return True
+
+
 def columns(given: Any) -> dict[str, Value | None]:
     """What a function gave, if it can be columns. TypeError if not."""
     if not isinstance(given, Mapping):
@@ -71,6 +79,8 @@ def columns(given: Any) -> dict[str, Value | None]:
             raise TypeError(f"no column can be called {key!r}")
         if key in ("ended", "reason") and (not isinstance(value, str) or value == DIED):
             raise TypeError(f"{key} is {value!r}; a text is needed, other than {DIED!r}")
+        if any(isinstance(text, str) and not _is_unicode(text) for text in (key, value)):
+            raise TypeError(f"{key!a} is no Unicode text: {value!a}")
         whole = isinstance(value, int) and not -_WHOLE_MAX <= value < _WHOLE_MAX
         if whole or not isinstance(value, (str, bool, int, float, type(None))):
             kind = "too large" if whole else f"of type {type(value).__name__}"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
@@ -30,6 +30,7 @@ from . import function
 Floats = NDArray[np.float64]
 _SEED, _VALUES, _SEQUENCE = 0, 1, 2  # last number of a spawn key: what the random numbers are for
 _END = 2.0**-33  # values of a sequence stay away from 0 and 1, where a normal distribution is infinite
+_INSIDE = 0.381966  # of a range: a value that is no end, for what takes whole numbers only
 _SIGMAS = 4.0  # so far out a normal distribution without limits is checked
 
 
@@ -68,19 +69,12 @@ class Plan:
         """Everything that the cases depend on, besides the software. Titles, requirements with their columns
         and the place of the tables are not part of it, nor is how many there are, where no case depends on
         that."""
-        out = {"title", "requirement", "columns", "tables", "scenario"}
-        alone = self.spec.sampling in ("random", "combinations")
-        spec = self.spec.model_dump(exclude=out | {"cases"} if alone else out)
-        scenario = {k: v for k, v in self.scenario.items() if k not in ("name", "title", "expect")}
-        contents: dict[str, Any] = json.loads(
-            json.dumps({"spec": spec, "scenario": scenario, "tables": self.crcs})
-        )
-        return contents
+        return contents_of(self.spec.model_dump(), self.scenario, self.crcs)
 
     @cached_property
     def hash(self) -> str:
         """SHA-256 of the contents."""
-        return hashlib.sha256(json.dumps(self.contents(), sort_keys=True).encode()).hexdigest()
+        return hash_of(self.contents())
 
     @property
     def software(self) -> dict[str, str]:
@@ -139,6 +133,25 @@ class Plan:
             "tables": str(self.tables),
             "software": self.software,
         }
+
+
+def contents_of(
+    spec: Mapping[str, Any], scenario: Mapping[str, Any], crcs: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Contents of a plan from plain values, such as those of campaign.json."""
+    out = {"title", "requirement", "columns", "tables", "scenario"}
+    out |= {"cases"} if spec["sampling"] in ("random", "combinations") else set()
+    of_spec = {k: v for k, v in spec.items() if k not in out}
+    of_scenario = {k: v for k, v in scenario.items() if k not in ("name", "title", "expect")}
+    contents: dict[str, Any] = json.loads(
+        json.dumps({"spec": of_spec, "scenario": of_scenario, "tables": crcs})
+    )
+    return contents
+
+
+def hash_of(contents: Mapping[str, Any]) -> str:
+    """SHA-256 of contents."""
+    return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
 
 
 def _value(law: Dispersion, u: float) -> Value:
@@ -228,7 +241,8 @@ def _ends(law: Dispersion) -> list[Value]:
         assert law.normal is not None
         mean, sigma = law.normal
         ends = (mean - _SIGMAS * sigma, mean + _SIGMAS * sigma)
-    return list(ends)
+    low, high = ends
+    return [low, high, low + _INSIDE * (high - low)]
 
 
 def _try(plan: Plan, changes: dict[str, Value], where: str) -> None:

@@ -22,7 +22,8 @@ from .plan import Case
 
 CASES_OF_PROCESS = 200  # then a fresh one: what MuJoCo and LCM keep of every run would come to gigabytes
 TRIES = 2
-COMMAND = (sys.executable, "-m", "kincal.campaign.worker")
+# -P: no modules of the folder in which the command is called
+COMMAND = (sys.executable, "-P", "-m", "kincal.campaign.worker")
 _WAIT_S = 0.5
 
 

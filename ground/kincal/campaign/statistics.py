@@ -289,8 +289,8 @@ def _end(outcome: Row) -> str:
 
 
 def _worst(results: Results, column: str) -> Iterator[Bad]:
-    """Cases that died, then those that came to no end, then by the outcome, the largest first (of p_fit, the
-    smallest)."""
+    """Cases that died, then those that came to no end, then by the outcome, not-a-number first, then the
+    largest (of p_fit, the smallest)."""
     c, sign = results.columns, 1.0 if column == "p_fit" else -1.0
 
     def badness(k: int) -> tuple[Any, ...]:
@@ -298,7 +298,7 @@ def _worst(results: Results, column: str) -> Iterator[Bad]:
         return (
             c["ended"][k] != DIED,
             c["ended"][k] != "no end",
-            0.0 if value is None else sign * value,
+            0.0 if value is None else sign * value if value == value else -np.inf,
             c["index"][k],
         )
 
@@ -335,7 +335,10 @@ class Comparison:
 
 
 def compare(a: Report, b: Report) -> Comparison:
-    """Two campaigns side by side."""
+    """Two campaigns side by side. BadInput if their outcomes have no number in common to compare."""
+    if a.column != b.column:
+        what = f"the outcome here is {a.column}, that of {b.results.folder} is {b.column}"
+        raise BadInput(what, str(a.results.folder), "name a number of both with --outcome")
     theirs = {_meaning(r.requirement): r for r in b.requirements}
     pairs = [
         (r, theirs[_meaning(r.requirement)]) for r in a.requirements if _meaning(r.requirement) in theirs

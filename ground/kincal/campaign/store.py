@@ -6,9 +6,11 @@ of indices in the parts."""
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import io
 import json
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,13 +22,15 @@ from kincal_shared.schema.campaign import OUTCOME, Campaign
 from kincal_shared.schema.errors import validate
 
 from .function import DIED, DISPERSED, FIXED
-from .plan import Plan
+from .plan import Plan, contents_of, hash_of
 from .pool import Answer
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 MANIFEST = "campaign.json"
+_PART = re.compile(r"part-\d{6,}\.parquet")
+_OF = b"kincal.campaign"  # in the metadata of a part: what its cases belong to
 Row = dict[str, Any]
 
 
@@ -73,7 +77,7 @@ def is_outcome(column: str) -> bool:
     return column not in FIXED and not column.startswith(DISPERSED)
 
 
-def _schema(plan: Plan, rows: list[Row]) -> pa.Schema:
+def _schema(plan: Plan, rows: list[Row], of: bytes) -> pa.Schema:
     import pyarrow as pa
 
     kinds = {str: pa.string(), bool: pa.bool_(), int: pa.int64(), float: pa.float64(), type(None): pa.null()}
@@ -85,7 +89,8 @@ def _schema(plan: Plan, rows: list[Row]) -> pa.Schema:
             *drawn,
             *((n, kinds[kind]) for n, kind in given.items()),
             *(("digest", pa.string()), ("wall_s", pa.float64()), ("cpu_s", pa.float64())),
-        ]
+        ],
+        metadata={_OF: of},
     )
 
 
@@ -101,6 +106,7 @@ class Store:
     done: set[int] = field(default_factory=set)
     _lock: int = -1
     _next: int = 1
+    _of: bytes = b""
 
     def __enter__(self) -> Store:
         """Open the folder, or make it. BadInput if it belongs to something else, or is in use."""
@@ -141,6 +147,7 @@ class Store:
                 )
         elif parts(self.folder):
             raise BadInput(f"the folder has cases but no {MANIFEST}", str(self.folder), "name another folder")
+        self._of = _belonging(new)
         self.done = set(_indices(self.folder))
         self._next = max((int(part.stem.partition("-")[2]) for part in parts(self.folder)), default=0) + 1
         text = json.dumps(new, indent=1) + "\n"
@@ -155,7 +162,7 @@ class Store:
         if not rows:
             return
         buffer = io.BytesIO()
-        pq.write_table(pa.Table.from_pylist(rows, _schema(self.plan, rows)), buffer)
+        pq.write_table(pa.Table.from_pylist(rows, _schema(self.plan, rows, self._of)), buffer)
         write_whole(self.folder / f"part-{self._next:06d}.parquet", buffer.getvalue())
         self._next += 1
         self.done.update(int(row["index"]) for row in rows)
@@ -200,6 +207,12 @@ def manifest_of(plan: Plan) -> Row:
     }
 
 
+def _belonging(manifest: Row) -> bytes:
+    """What makes two cases of one index the same: spec and software."""
+    of = json.dumps([manifest["spec_sha256"], manifest["software"]], sort_keys=True)
+    return hashlib.sha256(of.encode()).hexdigest().encode()
+
+
 def read_manifest(folder: Path) -> Row:
     """campaign.json of a folder. BadInput if there is none, or it is damaged."""
     path = folder / MANIFEST
@@ -211,6 +224,8 @@ def read_manifest(folder: Path) -> Row:
         ) from None
     except (OSError, ValueError) as error:
         raise BadInput(f"cannot be read: {error}", str(path)) from None
+    if not isinstance(found, dict):
+        raise BadInput("is no campaign's", str(path), "name a folder that `kincal campaign run` made")
     if (
         missing := {"spec", "beside", "scenario", "tables", "tables_folder", "spec_sha256", "software"}
         - found.keys()
@@ -218,6 +233,13 @@ def read_manifest(folder: Path) -> Row:
         raise BadInput(
             f"has no {sorted(missing)[0]}", str(path), "name a folder that `kincal campaign run` made"
         )
+    try:
+        same = hash_of(contents_of(found["spec"], found["scenario"], found["tables"])) == found["spec_sha256"]
+    except (AttributeError, KeyError, TypeError):
+        same = False
+    if not same:
+        todo = "restore it; its cases belong to the file that it held"
+        raise BadInput("has been changed since cases were flown", str(path), todo)
     return found
 
 
@@ -258,19 +280,24 @@ def software_differences(folder: Path) -> list[str]:
 
 def parts(folder: Path) -> list[Path]:
     """The parts, in the order in which they were written."""
-    return sorted(folder.glob("part-*.parquet"))
+    return sorted(part for part in folder.glob("part-*.parquet") if _PART.fullmatch(part.name))
 
 
 def _tables(folder: Path, columns: list[str] | None = None) -> Iterator[pa.Table]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    todo = "remove this part; `kincal campaign run` flies its cases again"
+    expected = _belonging(read_manifest(folder)) if parts(folder) else b""
     for part in parts(folder):
         try:
-            yield pq.read_table(part, columns=columns)
+            table = pq.read_table(part, columns=columns)
         except (OSError, pa.ArrowException) as error:
-            todo = "remove this part; `kincal campaign run` flies its cases again"
             raise BadInput(f"cannot be read: {error}", str(part), todo) from None
+        # parts of versions that wrote no such word have none
+        if (table.schema.metadata or {}).get(_OF, expected) != expected:
+            raise BadInput("holds cases of another campaign or other software", str(part), todo)
+        yield table
 
 
 def _indices(folder: Path) -> list[int]:

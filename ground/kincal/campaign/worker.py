@@ -31,7 +31,8 @@ def fly(shared: dict[str, Any], case: dict[str, Any]) -> dict[str, Any]:
         else:
             flown = dispersed.fly(shared["scenario"], folder, case["changes"], case["seed"], log)
     except Exception as error:  # noqa: BLE001 whatever a case dies of is its outcome
-        return {"index": case["index"], "error": f"{type(error).__name__}: {error}"}
+        text = f"{type(error).__name__}: {error}".encode("utf-8", "backslashreplace").decode()
+        return {"index": case["index"], "error": text}
     return {"index": case["index"], **vars(flown)}
 
 

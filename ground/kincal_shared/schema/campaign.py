@@ -23,6 +23,7 @@ from .tables import ConfigSource
 JOINTS = 7
 SECTIONS = ("arm", "env", "detection", "calibration", "executive")
 CASES_MAX = 10_000_000
+SEED_MAX = 2**31 - 1  # what flight takes
 Choice = Real | str | bool
 
 
@@ -129,7 +130,7 @@ class Condition:
         """Whether it holds; None if it needs a value that the case has not got."""
         try:
             return bool(self._value(self._tree, outcome))
-        except (_NoValue, ZeroDivisionError):
+        except (_NoValue, ArithmeticError):
             return None
 
     def _kind(self, node: ast.AST) -> type:
@@ -175,7 +176,8 @@ class Condition:
             case ast.Constant(value=value):
                 return value
             case ast.Name(id=name):
-                if (found := outcome.get(name)) is None:
+                found = outcome.get(name)
+                if found is None or found != found:  # not-a-number would meet `not x > 1` and `x != 1`
                     raise _NoValue
                 return found
             case ast.BoolOp(op=op, values=values):
@@ -328,6 +330,10 @@ class Campaign(Strict):
             )
         if self.sampling == "combinations" and any(d.choice is None for d in self.dispersion):
             raise Contradiction("sampling", "only choices have combinations", "write choice = [...]")
+        if self.sampling == "combinations" and self.seed + self.cases > SEED_MAX:
+            raise Contradiction(
+                "seed", f"with combinations at most {SEED_MAX} less the cases", "give a smaller one"
+            )
         if self.sampling == "sobol" and self.cases & (self.cases - 1):
             below = 1 << (self.cases.bit_length() - 1)
             todo = f"write cases = {below} or {2 * below}"

@@ -31,7 +31,7 @@ def report(out: Console, r: Report) -> None:
     title = "\nDistributions (quantiles with 95 % bounds)"
     rows = grid(title, "outcome", "cases", "5 %", "50 %", "95 %", "99 %", right=(1,))
     for d in r.distributions:
-        rows.add_row(d.column, str(len(d.values)), *quantile_cells(d))
+        rows.add_row(escape(d.column), str(len(d.values)), *quantile_cells(d))
     out.print(rows)
     _influences(out, r)
     _worst(out, r)
@@ -62,18 +62,18 @@ def _requirements(out: Console, r: Report) -> None:
 def _influences(out: Console, r: Report) -> None:
     if not r.influences:
         return
-    title = f"\nWhat {r.column} goes with (Spearman's rank correlation)"
+    title = f"\nWhat {escape(r.column)} goes with (Spearman's rank correlation)"
     rows = grid(title, "value", "with value", "with size", "p", "Sobol index", right=(1, 2, 3, 4))
     for influence in r.influences[:STRONGEST]:
-        rows.add_row(*influence_cells(influence))
+        rows.add_row(*map(escape, influence_cells(influence)))
     out.print(rows)
 
 
 def _worst(out: Console, r: Report) -> None:
-    rows = grid("\nWorst cases", r.column, "ended", "reason", "again")
+    rows = grid("\nWorst cases", escape(r.column), "ended", "reason", "again")
     for bad in r.worst[:LISTED]:
         value = number(r.column, bad.value)
-        rows.add_row(value, bad.ended, escape(bad.reason), escape(bad.command))
+        rows.add_row(value, escape(bad.ended), escape(bad.reason), escape(bad.command))
     out.print(rows)
 
 
@@ -87,7 +87,9 @@ def compared(out: Console, c: Comparison) -> None:
     pairs = {d.column: d for d in c.b.distributions}
     for d in c.a.distributions:
         one, two = (quantile_cells(x)[1] if x else "-" for x in (d, pairs.get(d.column)))
-        rows.add_row(f"{d.column}, median", one, two, f"{c.p_outcome:.3g}" if d.column == c.a.column else "")
+        rows.add_row(
+            f"{escape(d.column)}, median", one, two, f"{c.p_outcome:.3g}" if d.column == c.a.column else ""
+        )
     out.print(rows)
     out.print(escape(f"differ in: {'; '.join(c.different) or 'nothing'}"))
 
@@ -103,7 +105,7 @@ def replayed(out: Console, r: Replayed) -> None:
         return
     rows = grid("[red]differs[/]", "column", "stored", "flown now")
     for name in r.differing[:LISTED]:
-        rows.add_row(name, escape(repr(r.stored[name])), escape(repr(r.flown[name])))
+        rows.add_row(escape(name), escape(repr(r.stored[name])), escape(repr(r.flown[name])))
     out.print(rows)
     more = len(r.differing) - LISTED
     if more > 0:
