@@ -53,6 +53,10 @@ _SAME_SIGMA = 1e-2  # converged: no prior sigma changes by a larger share
 # Where noise is unknown its covariance is mixed with that of so many poses of independent components, so that
 # few poses do not make one up.
 _NOISE_PRIOR_POSES = 12.0
+# It depends on the fit, and the fit on it: again until it stays, where there are more poses than coefficients (of
+# fewer, a fit may leave nothing at one component, and would be drawn there).
+_WHITENINGS = 5
+_SAME_PROPORTIONS = 0.2
 
 Frames = tuple[Pose, Pose]
 """Base and tool frame."""
@@ -513,10 +517,24 @@ def fit_model(
     at = problem.start(start or {})
     if rough:
         return _finish(_solve(problem, at, robust, _ROUGH_COST))
-    if noise_is_unknown(data):
-        first = _solve(problem, at, robust, _ROUGH_COST)
-        problem, at = replace(problem, whiten=_whitener_of(first)), first.point.coef
-    return _finish(_solve(problem, at, robust))
+    if not noise_is_unknown(data):
+        return _finish(_solve(problem, at, robust))
+    last = _solve(problem, at, robust, _ROUGH_COST)
+    newer = _whitener_of(last)
+    for _ in range(_WHITENINGS if data.n > len(problem.names) else 1):
+        used = newer
+        last = _solve(replace(problem, whiten=used), last.point.coef, robust)
+        newer = _whitener_of(last)
+        if _change_of_proportions(used[0], newer[0]) < _SAME_PROPORTIONS:
+            break
+    return _finish(last)
+
+
+def _change_of_proportions(whitener: Array, newer: Array) -> float:
+    """Largest over least ratio of the variances (of any combination of components) of two whiteners (c, c), less
+    1: what one scale of all noise does not take."""
+    value = np.linalg.svd(whitener @ np.linalg.inv(newer), compute_uv=False)
+    return float((value[0] / value[-1]) ** 2 - 1.0)
 
 
 def _whitener_of(last: _Iterate) -> Array:
