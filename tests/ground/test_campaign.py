@@ -988,6 +988,17 @@ def test_no_scheduler_and_a_scheduler_that_goes_away_are_said(whole, tmp_path, m
     assert store.parts(tmp_path / "out") == []
 
 
+def test_a_task_that_was_lost_with_its_scheduler_is_no_traceback():
+    from distributed.client import FutureCancelledError
+
+    class Lost:
+        def result(self):
+            raise FutureCancelledError("fly_task-1", "scheduler-connection-lost")
+
+    with pytest.raises(CommandFailed, match="the scheduler has gone away"):
+        cluster._answers(Lost(), {}, "tcp://127.0.0.1:9")
+
+
 def command(*arguments):
     """What the command says, in its own words."""
     found = shell("campaign", "run", *arguments)
