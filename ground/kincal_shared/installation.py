@@ -66,9 +66,9 @@ def campaign() -> None:
     simulator()
 
 
-def program(name: str) -> Path:
-    """A process of the flight side (kincal-fsw, kincal-tagdet). BadInput that says what was missing when the
-    wheel was built, or that it was not built."""
+def built(name: str) -> Path:
+    """A process of the flight side (kincal-fsw, kincal-tagdet), or the simulator's library. BadInput that
+    says what was missing when the wheel was built, or that it was not built."""
     path = root() / "build" / name
     if path.is_file():
         return path

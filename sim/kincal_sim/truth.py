@@ -128,14 +128,14 @@ def held_out_poses(scenario: Scenario, plant: Plant, seed: int, n: int = HELD_OU
     truly is in the base frame. Raises ArithmeticError if too few random poses lie in the region.
     """
     arm, region = plant.arm(scenario.env.payload_kg), plant.spec["region"]
-    low, high = np.array(region["min_m"]), np.array(region["max_m"])
+    limits = list(zip(region["min_m"], region["max_m"], strict=True))
     found: list[dict] = []
     for q, side in _random_postures(arm, seed):
         plant.stand(conditions(scenario, q, side))
-        p = arm.p_base_tool_m
-        if (p >= low).all() and (p <= high).all():
+        p_m = arm.p_base_tool_m.tolist()
+        if all(low <= p <= high for p, (low, high) in zip(p_m, limits, strict=True)):
             reached = {"q_rad": q.tolist(), "dir": side.tolist()}
-            found.append(reached | {"p_m": p.tolist(), "q_wxyz": quaternion(arm.T_base_tool).tolist()})
+            found.append(reached | {"p_m": p_m, "q_wxyz": quaternion(arm.T_base_tool).tolist()})
         if len(found) == n:
             return found
     raise ArithmeticError(f"only {len(found)} of {HELD_OUT_TRIES} random poses have the tool in the region")

@@ -1,13 +1,11 @@
 """What several test files share: the true arm's table, the effect library, environments of the wheel."""
 
-import os
 import shutil
 import subprocess
-import sys
 
 import poses
 import pytest
-from environments import environment, run
+from environments import built_wheel, environment
 from places import BIN, ROOT
 
 from kincal import review
@@ -30,19 +28,7 @@ def library():
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory):
-    """The wheel, built as `pip install ./ground` does in an active environment with LCM's Python package: its
-    lcm-gen stands first on the PATH, and does not work where pip builds. What CMake finds is looked for anew
-    (--fresh), what it has compiled is kept."""
-    out = tmp_path_factory.mktemp("wheel")
-    shadow = tmp_path_factory.mktemp("shadow") / "lcm-gen"
-    shadow.write_text("#!/bin/sh\necho \"ModuleNotFoundError: No module named 'lcm'\" >&2\nexit 1\n")
-    shadow.chmod(0o755)
-    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
-    kept = [f"--config-settings=build-dir={ROOT / 'build' / 'wheel'}", "--config-settings=cmake.args=--fresh"]
-    path = f"{shadow.parent}{os.pathsep}{os.environ['PATH']}"
-    run(*pip, *kept, "--wheel-dir", out, ROOT / "ground", cwd=out, PATH=path)
-    (path,) = out.glob("kincal-*.whl")
-    return path
+    return built_wheel(tmp_path_factory.mktemp("wheel"))
 
 
 @pytest.fixture(scope="session")

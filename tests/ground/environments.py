@@ -1,6 +1,7 @@
 """Fresh environments: a wheel and the packages that it declares, linked from the environment of the tests, so
 that no network is needed."""
 
+import filecmp
 import json
 import os
 import re
@@ -13,6 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from packaging.requirements import Requirement
+from places import ROOT
 
 
 def child(*command, cwd, **env):
@@ -73,6 +75,39 @@ def link_files(there, files, site):
             if source.exists() and not target.exists():
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.symlink_to(source)
+
+
+# Takes from a compilation what does not change its code (sed): compiler, outputs, debug data, warnings.
+CODE = r"s#^[^ ]+ +##; s# -MD .* -c # -c #; s# -(g|Werror|fcallgraph-info=su)( |$)# #g; s# +# #g"
+COMPILED = Path(__file__).with_name("compiled.sh")
+
+
+def built_wheel(out):
+    """The wheel, built as `pip install ./ground` does in an active environment with LCM's Python package: its
+    lcm-gen stands first on the PATH, and does not work where pip builds. What `make build` has compiled from
+    the same sources with the same flags is not compiled again."""
+    shadow = out / "shadow" / "lcm-gen"
+    shadow.parent.mkdir()
+    shadow.write_text("#!/bin/sh\necho \"ModuleNotFoundError: No module named 'lcm'\" >&2\nexit 1\n")
+    shadow.chmod(0o755)
+    rel, build = ROOT / "build" / "rel", out / "build"
+    calls = run("ninja", "-C", rel, "-t", "commands", "all", cwd=out).splitlines()
+    calls = [call for call in calls if re.search(r" -o \S+ -c \S+$", call)]
+    (out / "calls").write_text("\n".join(calls))
+    keys = run("sed", "-E", CODE, out / "calls", cwd=out).splitlines()
+    lines = [f"{key}\t{rel / call.split()[-3]}\n" for key, call in zip(keys, calls, strict=True)]
+    (out / "compiled").write_text("".join(lines))
+    settings = {f"cmake.define.CMAKE_{name}_COMPILER_LAUNCHER": COMPILED for name in ("C", "CXX")}
+    words = [f"--config-settings={k}={v}" for k, v in ({"build-dir": build} | settings).items()]
+    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
+    run(*pip, *words, "--wheel-dir", out, ROOT / "ground", cwd=out,
+        PATH=f"{shadow.parent}{os.pathsep}{os.environ['PATH']}",
+        COMPILED=str(out / "compiled"), COMPILED_AS=f"{CODE}; s#{build}/#{ROOT}/build/#g")  # fmt: skip
+    for made in ("gen", "gen-all", "made"):  # what both were compiled from
+        there = filecmp.dircmp(build / made, ROOT / "build" / made)
+        assert not there.diff_files + there.left_only
+    (path,) = out.glob("kincal-*.whl")
+    return path
 
 
 def environment(home, wheel, extras=()):

@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+from pathlib import Path
 
 import gen_notebook
 import pytest
@@ -11,8 +13,13 @@ pytestmark = pytest.mark.slow
 NOTEBOOK = ROOT / "docs" / "WAM.ipynb"
 
 
-def test_notebook_runs_and_the_effects_predict_poses_that_took_no_part_better():
-    cells = [cell for cell in gen_notebook.executed(NOTEBOOK).cells if cell.cell_type == "code"]
+def test_notebook_runs_and_the_effects_predict_poses_that_took_no_part_better(tmp_path):
+    """On half of its poses: test_tutorial.py diagnoses all of them."""
+    notebook = shutil.copy(NOTEBOOK, tmp_path)
+    data = shutil.copytree(NOTEBOOK.parent / "data" / "wam", tmp_path / "data" / "wam") / "wam.csv"
+    header, *rows = data.read_text().splitlines(keepends=True)
+    data.write_text("".join([header, *rows[::2]]))
+    cells = [cell for cell in gen_notebook.executed(Path(notebook)).cells if cell.cell_type == "code"]
     assert all(cell.outputs for cell in cells)
     shown = "".join(output.get("text", "") for cell in cells for output in cell.outputs)
     plain, named = re.search(r"DH alone ([\d.]+) mm, with the effects ([\d.]+) mm", shown).groups()

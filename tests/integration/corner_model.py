@@ -23,6 +23,19 @@ def vector(R):
     return cv2.Rodrigues(R)[0].ravel()
 
 
+def jacobian(K, R, p, points) -> np.ndarray:
+    """(2k, 6) d pixels / d (position, rotation vector) in the camera frame, rotation error on the left."""
+    r = points @ R.T
+    x, y, z = (r + p).T
+    squared = np.array([depth**2 for depth in z.tolist()])
+    D, cross = np.zeros((len(points), 2, 3)), np.zeros((len(points), 3, 3))
+    D[:, 0, 0], D[:, 0, 2] = K[0, 0] / z, -K[0, 0] * x / squared
+    D[:, 1, 1], D[:, 1, 2] = K[1, 1] / z, -K[1, 1] * y / squared
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -r[:, 2], r[:, 1], -r[:, 0]
+    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = r[:, 2], -r[:, 1], r[:, 0]
+    return np.concatenate([D, -D @ cross], axis=2).reshape(-1, 6)
+
+
 def corner_covariance(px) -> np.ndarray:
     """(8, 8): corners are intersections of lines fitted to the edges; each line has an offset and a slope."""
     along = np.roll(px, -1, axis=0) - px
@@ -45,7 +58,7 @@ def fit(K, R, p, points, px, information):
     """The likeliest pose from a start nearby: R, p, chi-square, information of the pose."""
     for _ in range(20):
         r = (px - pnp.project(K, R, p, points)).ravel()
-        J = pnp.jacobian(K, R, p, points)
+        J = jacobian(K, R, p, points)
         H = J.T @ information @ J
         step = np.linalg.solve(H, J.T @ information @ r)
         if np.abs(step).max() < 1e-12:
@@ -72,7 +85,7 @@ def average(K, tag, px, first, second):
     flat = between - line * (line @ between) if np.linalg.norm(between) > 0.01 else some
     u = flat / np.linalg.norm(flat)
     v = np.cross(line, u)
-    J = pnp.jacobian(K, R0 @ Rt, centre, points)
+    J = jacobian(K, R0 @ Rt, centre, points)
     C = np.linalg.inv(J.T @ information @ J)[3:, 3:]
     reach = 0.5 * np.linalg.norm(between) + SIGMAS * np.sqrt(u @ C @ u), SIGMAS * np.sqrt(v @ C @ v)
     poses, logs, chi2s, infos = [], [], [], []
@@ -100,7 +113,7 @@ def _at_tilt(K, R, p, line, points, px, information):
     """Position and turn about the line of sight fitted at one tilt of a tag."""
     for step in range(3):
         r = (px - pnp.project(K, R, p, points)).ravel()
-        J = pnp.jacobian(K, R, p, points)
+        J = jacobian(K, R, p, points)
         A = np.column_stack([J[:, :3], J[:, 3:] @ line])
         H = A.T @ information @ A
         if step < 2:

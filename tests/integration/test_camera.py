@@ -139,13 +139,15 @@ def test_tag_is_darker_at_grazing_light_and_in_shadow(cfg):
 
 
 def test_noise_is_as_configured_and_repeats_with_its_seed(cfg):
+    """The first two frames are of one drawing; before the last, a tag has come and gone."""
     model, data = scene('<geom type="plane" size="9 9 .1" pos="0 0 3" euler="180 0 0" rgba=".6 .6 .6 1"/>')
     cam = camera.Camera(cfg, model)
-    a, b, again = (
-        cam.render(data, np.eye(4), BEHIND, np.random.default_rng(s)).astype(float) for s in (1, 2, 1)
+    a, b, tag, again = (
+        cam.render(data, np.eye(4), tool, np.random.default_rng(s)).astype(float)
+        for s, tool in ((1, BEHIND), (2, BEHIND), (1, frontal()), (1, BEHIND))
     )
     cam.close()
-    assert np.array_equal(a, again)
+    assert np.array_equal(a, again) and not np.array_equal(a, tag)
     level = a[400:700, 800:1100].mean()
     want = np.hypot(cfg.optics["read_noise_dn"], np.sqrt(level / cfg.optics["electrons_per_dn"]))
     patch = (a - b)[400:700, 800:1100] / np.sqrt(2.0)

@@ -178,7 +178,8 @@ def test_a_missed_criterion_fails_the_run(tmp_path):
 
 def test_healthy_arm_is_left_alone(tmp_path):
     done = kincal(
-        "run", "healthy", "--fast", "--processes", "--no-compare", "--no-summary", "--out", tmp_path
+        *("run", "healthy", "--fast", "--processes", "--poses", 7, "--no-compare", "--no-summary"),
+        *("--out", tmp_path),
     )
     assert done.returncode == 0, done.stdout
     assert json.loads((tmp_path / "launch.json").read_text())["url"].startswith("udpm:")

@@ -130,16 +130,19 @@ def check_circles(root: Path) -> list[str]:
 
 
 def check_sim(root: Path) -> list[str]:
-    """The simulator and the detector know nothing of the flight core, in any language."""
+    """The simulator, its C and the detector know nothing of the flight core, in any language."""
     faults = []
     for path in sorted((root / "sim").rglob("*.py")):
         for n, line in enumerate(path.read_text().splitlines(), 1):
             if "libkincal" in line or "kincal_cdef" in line:
                 faults.append(f"{path.relative_to(root)}:{n}: the simulator must not load the flight core")
-    for path in sorted([*root.glob("sim/tagdet/*.c*"), *root.glob("sim/tagdet/*.h")]):
+    folders = ("sim/native", "sim/tagdet")
+    for path in sorted(
+        p for folder in folders for end in ("c*", "h*") for p in root.glob(f"{folder}/*.{end}")
+    ):
         for n, line in enumerate(without_comments(path.read_text()).splitlines(), 1):
             if re.match(r'\s*#\s*include\s*"(kc_\w+\.h|.*fsw/)', line):
-                faults.append(f"{path.relative_to(root)}:{n}: the detector must not include flight code")
+                faults.append(f"{path.relative_to(root)}:{n}: the simulator must not include flight code")
     return faults
 
 

@@ -65,6 +65,7 @@ def tree(root: Path) -> Path:
         "fsw/lcm/main.c": "int main(void) { return 0; }\n",
         "ground/native/kg_batch.c": '#include "kc_model.h"\n'
         "int kg(void);\nint kg(void) { return kc_model(1); }\n",
+        "sim/native/ks_x.c": "extern const int ks_x;\nconst int ks_x = 0;\n",
         "sim/tagdet/main.cpp": "int main() { return 0; }\n",
         "sim/tagdet/frame.cpp": "extern const int kFrame;\nconst int kFrame = 0;\n",
         "tests/bench/wcet.c": "int main(void) { return 0; }\n",
@@ -76,7 +77,8 @@ def tree(root: Path) -> Path:
         "void test_four(void) { TEST_ASSERT_EQUAL_INT(4, kc_math(4)); }\n",
     }
     files["fsw/eigen/kc_eigen.h"] = '#ifdef __cplusplus\nextern "C"\n#endif\nint kc_eigen(int n);\n'
-    for name in ("CMakeLists.txt", "fsw/CMakeLists.txt", "sim/tagdet/CMakeLists.txt", "ground/CMakeLists.txt",
+    for name in ("CMakeLists.txt", "fsw/CMakeLists.txt", "sim/native/CMakeLists.txt",
+                 "sim/tagdet/CMakeLists.txt", "ground/CMakeLists.txt",
                  "fsw/musl/kc_musl_names.h", "fsw/math/kc_libm.h",
                  "tests/cross/CMakeLists.txt", "tests/cross/replay.c", "tests/cross/host.c", "ground/cdef.py",
                  "ground/lcm_files.py", "ground/message_structs.py",
@@ -147,6 +149,7 @@ def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, he
         ({"fsw/app/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
         ({"sim/kincal_sim/x.py": "LIB = 'build/libkincal.so'\n"}, "must not load the flight core"),
         ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
+        ({"sim/native/ks_y.c": '#include "kc_rot.h"\n'}, "must not include flight code"),
         (
             {
                 "fsw/app/kc_a.h": "void kc_a(void);\n",
@@ -629,13 +632,36 @@ def test_every_deviation_from_misra_is_decided_and_no_decision_is_left_over(row,
     assert [complaint in line for line in said] == [True] if complaint else said == []
 
 
-def test_misra_finds_a_goto(tmp_path, monkeypatch):
+def test_misra_finds_all_rules_that_a_line_breaks_and_those_of_headers_once(tmp_path, monkeypatch):
     misra = module(LINT / "misra.py")
-    source = "int kc_x(int n);\nint kc_x(int n)\n{\n    if (n > 0) { goto end; }\n    n = 1;\n"
-    source += "end:\n    return n;\n}\n"
-    write(tmp_path, {f"fsw/{room}/kc_{room}.c": "" for room in misra.ROOMS} | {"fsw/math/kc_x.c": source})
+    source = '#include "kc_h.h"\nint kc_x(int n);\nint kc_x(int n)\n{\n'
+    source += "    if (kc_h(n) + n * 2 > 0) { goto end; }\n    n = 1;\nend:\n    return n;\n}\n"
+    header = (
+        "static inline int kc_h(int n)\n{\n    if (n > 0) { goto end; }\n    n = 1;\nend:\n    return n;\n}\n"
+    )
+    core = {f"fsw/{room}/kc_{room}.c": "" for room in misra.ROOMS}
+    core |= {
+        "fsw/math/kc_h.h": header,
+        "fsw/math/kc_x.c": source,
+        "fsw/math/kc_y.c": source.replace("_x", "_y"),
+    }
+    write(tmp_path, core)
     monkeypatch.setattr(misra, "ROOT", tmp_path)
-    assert "kc_x.c" in misra.findings(None)["15.1"]
+    found = misra.findings(None)
+    assert found["15.1"] == {"kc_x.c": 1, "kc_y.c": 1, "kc_h.h": 1}
+    assert set(found["12.1"]) == {"kc_x.c", "kc_y.c"}
+
+
+def test_misra_checks_again_what_has_changed(tmp_path, monkeypatch):
+    misra = module(LINT / "misra.py")
+    plain, end = "int kc_x(int n);\nint kc_x(int n)\n{\n    n = 1;\n", "    return n;\n}\n"
+    write(
+        tmp_path, {f"fsw/{room}/kc_{room}.c": "" for room in misra.ROOMS} | {"fsw/math/kc_x.c": plain + end}
+    )
+    monkeypatch.setattr(misra, "ROOT", tmp_path)
+    assert "15.1" not in misra.findings(tmp_path / "build")
+    write(tmp_path, {"fsw/math/kc_x.c": plain + "    if (n > 0) { goto end; }\nend:\n" + end})
+    assert misra.findings(tmp_path / "build")["15.1"] == {"kc_x.c": 1}
 
 
 # ---- one vocabulary

@@ -11,6 +11,7 @@ import os
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+import gc  # noqa: E402
 import json  # noqa: E402
 import signal  # noqa: E402
 import threading  # noqa: E402
@@ -58,6 +59,7 @@ def main() -> None:
     shared = json.loads(lines.get())
     here = function.software(shared["function"], Path(shared["beside"]))
     other = shared["software"] != here  # files changed since the command began
+    gc.freeze()  # what is loaded stays: the collector need not walk it over and over
     while True:
         case = json.loads(lines.get())
         answer = {"index": case["index"], "other": True} if other else fly(shared, case)

@@ -37,6 +37,7 @@ from kincal_shared.schema.scenario import Scenario
 from kincal_sim import scenario as scenarios  # noqa: E402  after inprocess, which says what is missing
 from kincal_sim.mechanics.effects import Hysteresis, JointCompliance  # noqa: E402
 from kincal_sim.truth import truth_record  # noqa: E402
+from kincal_sim.vision import pnp  # noqa: E402
 from kincal_sim.vision.imagers import fast_imager  # noqa: E402
 from kincal_sim.world import World  # noqa: E402
 
@@ -341,6 +342,7 @@ def software() -> dict[str, str]:
         "ground": f"{zlib.crc32(library_file('ground').read_bytes()):08x}",
         "code": _hash(*(of_kincal / name for name in ("run", "flight", "campaign")), of_schema),
         "simulator": _hash(of_simulator, models),
+        "simulator in C": f"{zlib.crc32(installation.built(pnp.LIBRARY).read_bytes()):08x}",
         "python": platform.python_version(),
         "machine": platform.machine(),
         **{name: importlib.metadata.version(name) for name in ("mujoco", "numpy", "scipy")},

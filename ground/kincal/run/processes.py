@@ -70,9 +70,9 @@ class Processes:
 
 def _check_installation(request: Request) -> None:
     installation.simulator()
-    installation.program("kincal-fsw")
+    installation.built("kincal-fsw")
     if request.mode == "pixels":
-        installation.program("kincal-tagdet")
+        installation.built("kincal-tagdet")
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -242,38 +242,49 @@ class States:
     _VECTORS = ("q", "dq", "q_cmd", "dir")
     _HEAD = packing.Struct("=qiI")  # t_us, seq, n_joints
     _REST = packing.Struct("=B3xi5d")  # moving, fault_mask, temp_c, payload_kg, g_m_s2
-    _PANTILT = packing.Struct("=qi4x2dB7x")
+    _NEWER = packing.Struct("=qi")  # t_us, seq
+    _AIMS = packing.Struct("=2dB7x")  # pan_rad, tilt_rad, moving
 
     def __init__(self, inputs: Place) -> None:
         self._memory = inputs.memory
         arm, pantilt, flags = (inputs.member(name) for name in ("arm", "pantilt", "has_arm"))
         self._arm = bytearray(_FLIGHT.ffi.sizeof(arm.ctype))
         self._arm_at = slice(arm.offset, arm.offset + len(self._arm))
-        self._pantilt_at = slice(pantilt.offset, pantilt.offset + self._PANTILT.size)
+        self._pantilt = bytearray(_FLIGHT.ffi.sizeof(pantilt.ctype))
+        self._pantilt_at = slice(pantilt.offset, pantilt.offset + len(self._pantilt))
+        self._aims_at = _members(pantilt.ctype)["pan_rad"].offset
         self._flags_at = slice(flags.offset, flags.offset + 2)  # has_arm, has_pantilt
         members = _members(arm.ctype)
         self._rest_at = members["moving"].offset
-        self._vector = {
-            name: np.frombuffer(self._arm, float, members[name].type.length, members[name].offset)
+        self._vectors = [
+            np.frombuffer(self._arm, float, members[name].type.length, members[name].offset)
             for name in self._VECTORS
-        }
+        ]
+        # What is in both already.
         self._held: list[object] = [None] * len(self._VECTORS)
+        self._held_rest: tuple[float, ...] = ()
+        self._held_aims: tuple[object, bool] = (None, False)
 
     def fill(self, world: World) -> None:
         """What the encoders of the world read, as the newest states."""
         controller, env = world.controller, world.scenario.env
         vectors = world.q_rad, world.dq_rad_s, controller.q_cmd, controller.trajectory.direction
-        for k, (held, now, to) in enumerate(zip(self._held, vectors, self._vector.values(), strict=True)):
-            if now is not held:  # arrays of the world are never changed in place
+        for k, now in enumerate(vectors):
+            if now is not self._held[k]:  # arrays of the world are never changed in place
                 self._held[k] = now
-                to[: len(now)] = now
+                self._vectors[k][: len(now)] = now
+        rest = (world.arm_moves, controller.fault_mask, env.temp_c, env.payload_kg, *world.gravity_m_s2)
+        if rest != self._held_rest:
+            self._held_rest = rest
+            self._REST.pack_into(self._arm, self._rest_at, *rest)
+        if world.pantilt_rad is not self._held_aims[0] or world.pantilt_moves is not self._held_aims[1]:
+            self._held_aims = world.pantilt_rad, world.pantilt_moves
+            aims = world.pantilt_rad.tolist()
+            self._AIMS.pack_into(self._pantilt, self._aims_at, *aims, world.pantilt_moves)
         self._HEAD.pack_into(self._arm, 0, world.now_us, world.seq, len(world.q_rad))
-        rest = env.temp_c, env.payload_kg, *world.gravity_m_s2
-        self._REST.pack_into(self._arm, self._rest_at, world.arm_moves, controller.fault_mask, *rest)
+        self._NEWER.pack_into(self._pantilt, 0, world.now_us, world.seq)
         self._memory[self._arm_at] = self._arm
-        aims = world.pantilt_rad.tolist()
-        pantilt = self._PANTILT.pack(world.now_us, world.seq, *aims, world.pantilt_moves)
-        self._memory[self._pantilt_at] = pantilt
+        self._memory[self._pantilt_at] = self._pantilt
         self._memory[self._flags_at] = b"\1\1"
 
 
@@ -351,7 +362,7 @@ def _message(type_name: str, struct: Place, /, t_us: int, **given: object) -> Lc
     layout = _found(struct.ctype, kind)
     values = layout.read(struct)
     for name, at in layout.at.items():
-        setattr(message, name, _listed(values[at]))
+        setattr(message, name, list(values[at]) if type(at) is slice else values[at])
     for path, fields in _elsewhere(type_name).items():
         inner = struct
         for name in path:

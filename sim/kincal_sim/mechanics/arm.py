@@ -102,36 +102,39 @@ class Arm:
         self.model = mujoco.MjModel.from_xml_string(text)
         self.model.opt.gravity[:] = gravity_m_s2
         self.data = mujoco.MjData(self.model)
-        self._tool = self.model.body("tool").id
-        self._camera = self.model.body("camera").id
+        # Views of MuJoCo's arrays; to make one takes as long as to copy what is in it.
+        self._joints, self._pantilt = self.data.qpos[: self.n], self.data.qpos[self.n :]
+        self._tool, self._camera = self._place_of("tool"), self._place_of("camera")
         self._shape_names = [self.model.geom(i).name for i in range(self.model.ngeom)]
         self.q_min = np.array([j["q_rad"][0] for j in self.spec["joint"]])
         self.q_max = np.array([j["q_rad"][1] for j in self.spec["joint"]])
 
     def set(self, q_rad: ArrayLike, pan_rad: float | None = None, tilt_rad: float | None = None) -> None:
         """Put the true joints (and the pan-tilt unit) there and update all frames."""
-        self.data.qpos[: self.n] = q_rad
+        self._joints[:] = q_rad
         if pan_rad is not None:
-            self.data.qpos[self.n :] = pan_rad, tilt_rad
+            self._pantilt[0], self._pantilt[1] = pan_rad, tilt_rad
         mujoco.mj_kinematics(self.model, self.data)
 
-    def _pose(self, body: int) -> np.ndarray:
-        return transform(self.data.xpos[body], self.data.xmat[body].reshape(3, 3))
+    def _place_of(self, body: str) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,) and attitude (3, 3) of a body as they are when they are read."""
+        k = self.model.body(body).id
+        return self.data.xpos[k], self.data.xmat[k].reshape(3, 3)
 
     @property
     def p_base_tool_m(self) -> np.ndarray:
         """(3,) position of the tool frame [m]."""
-        return self.data.xpos[self._tool].copy()
+        return self._tool[0].copy()
 
     @property
     def T_base_tool(self) -> np.ndarray:
         """4x4 pose of the tool frame."""
-        return self._pose(self._tool)
+        return transform(*self._tool)
 
     @property
     def T_base_cam(self) -> np.ndarray:
         """4x4 pose of the camera: z forward, x right, y down."""
-        return self._pose(self._camera)
+        return transform(*self._camera)
 
     def gravity_torque(self) -> np.ndarray:
         """(n,) torque [N m] that gravity exerts about each joint at this posture, positive along +q."""
@@ -146,5 +149,7 @@ class Arm:
         """Names of the shapes that touch at this posture."""
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_collision(self.model, self.data)
+        if not self.data.ncon:  # mostly; the list is slow even if it is empty
+            return []
         shape = self._shape_names
         return [(shape[a], shape[b]) for a, b in self.data.contact.geom]

@@ -3,8 +3,10 @@ limited speed. Time is in seconds and only runs forward."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
+from operator import truediv
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +25,7 @@ class VelocityProfile:
     @staticmethod
     def rest_to_rest(distance: float, v_max: float, a_max: float) -> VelocityProfile:
         """Trapezoid, or a triangle if the distance is short."""
-        v = min(v_max, float(np.sqrt(distance * a_max)))
+        v = min(v_max, math.sqrt(distance * a_max))
         ramp = v / a_max
         return VelocityProfile(0.0, ((a_max, ramp), (0.0, distance / v - ramp), (-a_max, ramp)))
 
@@ -59,11 +61,11 @@ class Vibration:
     frequency_hz: float = 5.0
     gain_s: float = 0.0
 
-    def at(self, dt_s: float, amplitude_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Displacement and speed dt_s after the end of the move; None once it is over.
+    def at(self, dt_s: float, amplitude_rad: np.ndarray | None) -> tuple[np.ndarray, np.ndarray] | None:
+        """Displacement and speed dt_s after the end of the move; None once it is over, or without amplitude.
 
         It is cut off at a thousandth of the amplitude, so that "at rest" is exact."""
-        if self.duration_s - dt_s <= 1e-9 or not amplitude_rad.any():
+        if self.duration_s - dt_s <= 1e-9 or amplitude_rad is None:
             return None
         tau = self.duration_s / SETTLE_TIME_CONSTANTS
         omega = 2 * np.pi * self.frequency_hz
@@ -79,9 +81,9 @@ class TrajectoryGenerator:
     """
 
     def __init__(self, q: ArrayLike, speed: ArrayLike, accel: ArrayLike, vibration: Vibration | None = None):
-        self.speed, self.accel = np.array(speed, float), np.array(accel, float)
+        self._speeds, self._accels = np.array(speed, float).tolist(), np.array(accel, float).tolist()
         self.vibration = vibration or Vibration()
-        self.direction = np.zeros(len(self.speed), int)
+        self.direction = np.zeros(len(self._speeds), int)
         self._start = np.array(q, float)  # of the present line
         self._unit = np.zeros_like(self._start)  # along the present line; the fastest axis has 1
         self._line_accel = 0.0
@@ -89,7 +91,7 @@ class TrajectoryGenerator:
         self._t_start = self._t_rest = 0.0
         self._goal: np.ndarray | None = None  # waits until braking is done
         self._goal_scale = 1.0
-        self._amplitude = np.zeros_like(self._start)
+        self._amplitude: np.ndarray | None = None  # of the vibration; None: none
         self._no_speed = np.zeros_like(self._start)
         self._at_rest = False  # and nothing commanded since
 
@@ -140,23 +142,31 @@ class TrajectoryGenerator:
         t_end = self._t_start + profile.duration
         self._start = self._start + profile.at(profile.duration)[0] * self._unit
         # Braking shakes the arm: the first swing follows the speed it braked from.
-        self._amplitude = self.vibration.gain_s * profile.braked_from * self._unit
+        swing_s = self.vibration.gain_s * profile.braked_from
+        self._amplitude = swing_s * self._unit if swing_s else None
         self._profile, self._t_rest = None, t_end
         if self._goal is not None:
             self._begin(t_end, self._goal)
 
     def _begin(self, t: float, goal: np.ndarray) -> None:
         line, self._goal = goal - self._start, None
-        distance = float(np.max(np.abs(line)))
+        moves = line.tolist()  # for a few axes plain numbers are quicker than arrays
+        distance = max(map(abs, moves))
         if distance < REACHED_RAD:
             return
         self._unit = line / distance
-        share = np.maximum(np.abs(self._unit), 1e-12)
-        speed = self._goal_scale * float(np.min(self.speed / share))
-        self._line_accel = float(np.min(self.accel / share))
+        share = [max(abs(unit), 1e-12) for unit in self._unit.tolist()]
+        speed = self._goal_scale * min(map(truediv, self._speeds, share))
+        self._line_accel = min(map(truediv, self._accels, share))
         self._profile = VelocityProfile.rest_to_rest(distance, speed, self._line_accel)
         self._t_start = t
-        self.direction = np.where(np.abs(line) < REACHED_RAD, self.direction, np.sign(line)).astype(int)
+        before = self.direction.tolist()
+        self.direction = np.array(
+            [
+                old if abs(move) < REACHED_RAD else 1 if move > 0.0 else -1
+                for old, move in zip(before, moves, strict=True)
+            ]
+        )
 
 
 class ArmController:
@@ -206,8 +216,8 @@ class ArmController:
     def _faults(self, q: np.ndarray, speed_scale: float) -> int:
         if q.shape != (self.n,) or not 0.0 < speed_scale <= 1.0:
             return (1 << self.n) - 1
-        bad = ~((q >= self.q_min) & (q <= self.q_max))  # NaN is bad too
-        return int(sum(1 << int(j) for j in np.flatnonzero(bad)))
+        good = ((q >= self.q_min) & (q <= self.q_max)).tolist()  # NaN is bad too
+        return sum(1 << j for j, fine in enumerate(good) if not fine)
 
 
 class PanTiltController:
@@ -227,7 +237,7 @@ class PanTiltController:
     def command(self, t: float, seq: int, pan_rad: float, tilt_rad: float) -> bool:
         """Start a move. False if refused: not finite, or a repeated or older number."""
         newer = self._last_seq is None or seq > self._last_seq
-        if not newer or not np.isfinite([pan_rad, tilt_rad]).all():
+        if not newer or not (math.isfinite(pan_rad) and math.isfinite(tilt_rad)):
             return False
         self._last_seq = seq
         self.trajectory.command(t, np.clip([pan_rad, tilt_rad], self.lower, self.upper), 1.0)

@@ -31,9 +31,10 @@ class NoEquilibrium(ArithmeticError):
     """The iteration does not converge: the arm is too soft."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class Conditions:
-    """What an effect may depend on at one observation. Joint quantities are arrays over the n joints.
+    """What an effect may depend on at one observation; nobody changes it. Joint quantities are arrays over
+    the n joints. Not frozen: a run makes thousands, and a frozen one takes three times as long.
 
     q_rad: encoder readings
     direction: sign of each joint's last motion, -1, 0 or 1
@@ -69,6 +70,10 @@ class Encoders:
     bias_rad: np.ndarray
     gain: np.ndarray
 
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        return 1.0 + self.gain
+
     @classmethod
     def exact(cls, n: int) -> Encoders:
         """Encoders of n joints without an error."""
@@ -76,7 +81,7 @@ class Encoders:
 
     def joints_rad(self, q_read_rad: ArrayLike) -> np.ndarray:
         """(n,) joint angles behind these readings."""
-        return (np.asarray(q_read_rad) - self.bias_rad) * (1.0 + self.gain)
+        return (np.asarray(q_read_rad) - self.bias_rad) * self._turns
 
 
 @dataclass(frozen=True)

@@ -131,6 +131,7 @@ class Camera:
         self._option = mujoco.MjvOption()
         self._free = mujoco.MjvCamera()
         self._tags = TagRenderer(cfg.K, cfg.optics, (cfg.width_px, cfg.height_px), self._render_window)
+        self._last_scene, self._last_frame = b"", np.empty((0, 0), np.float32)
         # GL must go before the interpreter unloads PyOpenGL.
         atexit.register(self.close)
 
@@ -195,8 +196,12 @@ class Camera:
         T_base_tool: np.ndarray,
         rng: np.random.Generator,
     ) -> np.ndarray:
-        """(height, width) uint8: one frame in grey. The MuJoCo world is the arm's base frame."""
-        return self._expose(self.radiance(data, T_base_cam, T_base_tool), rng)
+        """(height, width) uint8: one frame in grey. The MuJoCo world is the arm's base frame. Where nothing
+        has moved since the last frame, only the noise is new."""
+        scene = b"".join(x.tobytes() for x in (data.qpos, T_base_cam, T_base_tool))
+        if scene != self._last_scene:
+            self._last_scene, self._last_frame = scene, self.radiance(data, T_base_cam, T_base_tool)
+        return self._expose(self._last_frame, rng)
 
     def _expose(self, frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """What the sensor makes of it: lens blur, shot and read noise, 8 bits."""

@@ -144,8 +144,8 @@ def _pose_fields(K: np.ndarray, pose: pnp.Pose, cov: np.ndarray) -> dict[str, An
         "cov": cov[_UPPER].tolist(),
         "p_alt_m": pose.p_alt_m.tolist(),
         "q_alt_wxyz": quaternion(pose.R_alt).tolist(),
-        "rms_px": float(pose.rms_px),
-        "rms_alt_px": float(pose.rms_alt_px),
+        "rms_px": pose.rms_px,
+        "rms_alt_px": pose.rms_alt_px,
         "range_m": _length(pose.p_m),
         "u_px": float(u / w),
         "v_px": float(v / w),
@@ -222,10 +222,10 @@ def _isotropic(cfg: Config, T_cam_tool: np.ndarray, rng: np.random.Generator) ->
 def _from_corners(cfg: Config, seen: list[Visible], corners: list[np.ndarray]) -> PoseAndCovariance | None:
     """The pose that the detector finds; None if there is none in front of the camera."""
     tags = [v.tag for v in seen]
-    pose = pnp.solve(cfg.K, list(zip(tags, corners, strict=True)))
-    if pose is None:
+    solved = pnp.solve(cfg.K, list(zip(tags, corners, strict=True)))
+    if solved is None:
         return None
-    points = np.concatenate([t.tool_corners_m for t in tags])
+    pose, information = solved
     known_px, weight = cfg.detection["corner_sigma_px"], cfg.detection["corner_sigma_weight"]
-    sigma = pnp.corner_sigma(pose.rms_px, len(points), known_px, weight)
-    return pose, pnp.covariance(pnp.jacobian(cfg.K, pose.R, pose.p_m, points), sigma)
+    sigma = pnp.corner_sigma(pose.rms_px, 4 * len(tags), known_px, weight)
+    return pose, pnp.covariance(information, sigma)

@@ -102,18 +102,18 @@ def assumptions(arm: ArmTable) -> tuple[Assumption, ...]:
 def sights(arm: ArmTable, data: Measurements) -> tuple[Sight, ...]:
     """The sight of every assumption, in their order. What is assumed of the target follows from where the
     camera looked in all poses of the set that `data` were taken from."""
-    return tuple(_sight(arm, _all_of(data), assumption) for assumption in assumptions(arm))
+    found = _centre(_all_of(data)) if arm.target_points_m is None else None
+    return tuple(_sight(arm, found, assumption) for assumption in assumptions(arm))
 
 
 def _all_of(data: Measurements) -> Measurements:
     return data if data.whole is None else data.whole
 
 
-def _sight(arm: ArmTable, data: Measurements, assumed: Assumption) -> Sight:
+def _sight(arm: ArmTable, found: tuple[Array, float] | None, assumed: Assumption) -> Sight:
     low, high, focal = _image(arm, assumed)
     points = arm.target_points_m
     if points is None:
-        found = _centre(data)
         assert found is not None and assumed.fill is not None  # sees_points said so
         centre, distance = found
         points = centre + _board(assumed.fill * distance * float(high[0] - low[0]) / 2.0)
