@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,19 @@ def whole(tmp_path_factory):
         ("probability = 0.4", "probability = 1.0", ("must be below 1",)),
         ("'ended != \"no end\"'", "'end != 1'", ("has no 'end'", "after_pos_m")),
         ("'ended != \"no end\"'", "'__import__(1)'", ("cannot be read",)),
+        ("no end", "no ende", ("requirement[1].holds", "ended is never 'no ende'", "'no end', 'died'")),
+        (
+            "'ended != \"no end\"'",
+            "'verdict == \"nochange\"'",
+            ("verdict is never 'nochange'", "'no_change'"),
+        ),
+        ("'ended != \"no end\"'", "'True'", ("requirement[1].holds", "True is the same for every case")),
+        ("'ended != \"no end\"'", "'active or 1 < 2'", ("1 < 2 is the same for every case", "name a column")),
+        (
+            "probability = 0.4",
+            'probability = 0.4\ngiven = "not False"',
+            ("requirement[1].given", "not False is"),
+        ),
     ],
 )
 def test_a_wrong_file_is_refused_with_what_where_and_what_to_do(tmp_path, old, new, said):
@@ -294,6 +308,34 @@ def test_ctrl_c_keeps_what_is_finished(whole, tmp_path):
     assert rows(tmp_path / "out") == rows(undisturbed)[:1]
 
 
+def test_a_worker_ends_with_its_command_in_the_middle_of_a_case(tmp_path):
+    path = function_file(tmp_path, FUNCTION, HANGS)
+    command = [*KINCAL, "campaign", "run", str(path), "--out", str(tmp_path / "out"), "--processes", "1"]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 300
+    while not (tmp_path / "pids").exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.05)
+    pids = (tmp_path / "pids").read_text().split()
+    process.kill()
+    process.wait()
+    assert len(pids) == 2  # the worker, and what its case started
+    deadline = time.monotonic() + 20
+    while any(running(pid) for pid in pids) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    left = [pid for pid in pids if running(pid)]
+    for pid in left:
+        os.kill(int(pid), signal.SIGKILL)
+    assert left == []
+
+
+def running(pid):
+    """Whether there is such a process that has not ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 def answers(plan, n):
     """Cases that died at once: storing them takes no flight."""
     return [pool.Answer(c, {"index": c.index, "error": "x" * 2000}, 0.1) for c in plan.cases(range(n))]
@@ -421,7 +463,21 @@ def large(_seed, _values): return {"a": 2**63}
 def raises(_seed, _values): raise ValueError("out of range")
 def raises_bytes(_seed, _values): raise ValueError("no file \\udcff")
 def bytes_(_seed, _values): return {"word": "\\udcff"}
-def mixed(seed, values): return {"a": 1 if values["kind"] == 1 else "text"}
+def mixed(seed, values): return {"a": {1: 1, 2: "text", 3: 2.5}[values["kind"]], "good": True}
+def large_or_half(seed, values): return {"a": 2**60 + 1 if values["kind"] == 1 else 0.5}
+def words(seed, values): return {"good": values["kind"] == 1, "word": "far"}
+"""
+
+
+HANGS = """
+import os, subprocess, sys, time
+def case(seed, values):
+    other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    new = os.path.join(os.path.dirname(__file__), "new")
+    with open(new, "w") as file:
+        file.write(f"{os.getpid()} {other.pid}")
+    os.rename(new, new.replace("new", "pids"))
+    time.sleep(600)
 """
 
 
@@ -590,13 +646,65 @@ def test_a_function_that_kills_its_process_is_an_outcome(tmp_path):
     assert "died 2 times, exit status 9" in found[1]["reason"]
 
 
-def test_a_column_of_two_types_ends_the_campaign_with_nothing_half_written(tmp_path):
-    text = FUNCTION.replace(":case", ":mixed")
-    with pytest.raises(BadInput, match="a is of type int in one case, of type str in another"):
-        flown(tmp_path, text, batch=6)
+@pytest.mark.parametrize("batch", [1, 6])
+def test_a_case_with_another_type_in_a_column_died_of_it(tmp_path, batch):
+    path = function_file(tmp_path, FUNCTION.replace(":case", ":mixed"))
+    end = campaign.run(campaign.prepare(path), tmp_path / "out", batch=batch, processes=1)
+    assert (end.flown, end.died) == (6, 2)
+    found = rows(tmp_path / "out")
+    assert [r["a"] for r in found] == [1, None, 2.5] * 2
+    assert [r["ended"] == "died" for r in found] == [False, True, False] * 2
+    why = "TypeError: a is of type str, in other cases or as declared of type "
+    assert {r["reason"].replace("int", "float") for r in found if r["a"] is None} == {why + "float"}
+    assert "a is of type str" in good("campaign", "report", tmp_path / "out").output
+    assert campaign.replay(tmp_path / "out", 1).flown["reason"].startswith("TypeError: a is of type str")
+    assert campaign.replay(tmp_path / "out", 2).differing == ()
+
+
+def test_a_declared_type_decides_which_cases_died(tmp_path):
+    text = FUNCTION.replace(":case", ":mixed") + '[columns]\na = "text"\n'
+    path = function_file(tmp_path, text)
+    with pytest.raises(BadInput, match="a is of type int, not str as declared"):
+        campaign.run(campaign.prepare(path), tmp_path / "out", indices=[0])
     assert store.parts(tmp_path / "out") == []
-    with pytest.raises(BadInput, match="parts do not go together"):
-        flown(tmp_path, text, batch=1)
+    campaign.run(campaign.prepare(path), tmp_path / "out")
+    assert [r["a"] for r in rows(tmp_path / "out")] == [None, "text", None] * 2
+    other = function_file(tmp_path, text.replace('"text"', '"number"'))
+    with pytest.raises(BadInput, match="a is of type str, not float as declared"):
+        campaign.run(campaign.prepare(other), tmp_path / "out")
+
+
+@pytest.mark.parametrize("batch", [1, 6])
+def test_large_whole_numbers_and_fractions_are_numbers_together(tmp_path, batch):
+    found = flown(tmp_path, FUNCTION.replace(":case", ":large_or_half"), batch=batch)
+    assert [r["a"] for r in found] == [2.0**60, 0.5, 0.5] * 2
+
+
+@pytest.mark.parametrize("name", ["raises", "words"])
+def test_cases_without_a_number_have_a_report(tmp_path, name):
+    text = (
+        FUNCTION.replace(":case", f":{name}")
+        + """
+[columns]
+good = "true or false"
+[[requirement]]
+name = "all is good"
+holds = "good"
+probability = 0.01
+"""
+    )
+    flown(tmp_path, text)
+    said = shell("campaign", "report", tmp_path / "out", tmp_path / "out")
+    assert said.exit_code == (1 if name == "raises" else 0)
+    for words in ("all is good", "No case gave a number", "differ in: nothing"):
+        assert words in said.output
+    html = (tmp_path / "out" / "report.html").read_text()
+    assert "Distribution of" not in html
+    for words in (said.output, html):
+        assert ("ValueError: out of range" in words) == (name == "raises")
+    said = shell("campaign", "report", tmp_path / "out", "--outcome", "length")
+    assert said.exit_code == 2
+    assert "no case gave a number; leave it out" in said.output
 
 
 def test_a_function_that_was_changed_is_not_mixed(tmp_path):
@@ -777,6 +885,23 @@ def test_influences_and_worst_cases_are_found(tmp_path):
         campaign.report(found.results, "ended")
 
 
+def test_a_choice_of_two_has_no_correlation_with_its_size(tmp_path):
+    text = FUNCTION.replace('["left", "right"]', "[0.0, 1.0]").replace("cases = 6", "cases = 24")
+    flights = "def case(seed, values): return {'length': values['arm'] + 0.01 * seed}"
+    campaign.run(campaign.prepare(function_file(tmp_path, text, flights)), tmp_path / "out")
+    with warnings.catch_warnings(action="error"):
+        first, second = campaign.report(campaign.read(tmp_path / "out")).influences
+    assert (first.key, first.size, second.key) == ("arm", None, "kind")
+    assert first.rank == pytest.approx(
+        stats.spearmanr([0] * 12 + [1] * 12, [*range(4)] * 3 + [*range(4, 8)] * 3).statistic
+    )
+    assert second.size == pytest.approx(0.0, abs=0.2)
+    assert first.p == pytest.approx(
+        3 * stats.spearmanr([0] * 12 + [1] * 12, [*range(4)] * 3 + [*range(4, 8)] * 3).pvalue
+    )
+    assert "nan" not in good("campaign", "report", tmp_path / "out").output
+
+
 def test_two_campaigns_are_compared(tmp_path):
     one, alike, worse = made(tmp_path), made(tmp_path, seed=5), made(tmp_path, seed=6, effect=2.0)
     same, other = (campaign.compare(campaign.report(one), campaign.report(x)) for x in (alike, worse))
@@ -864,6 +989,17 @@ def test_no_scheduler_and_a_scheduler_that_goes_away_are_said(whole, tmp_path, m
         campaign.run(plan, tmp_path / "out", scheduler=made_cluster.scheduler_address, batch=10)
     assert "goes on" in said.value.todo
     assert store.parts(tmp_path / "out") == []
+
+
+def test_a_task_that_was_lost_with_its_scheduler_is_no_traceback():
+    from distributed.client import FutureCancelledError
+
+    class Lost:
+        def result(self):
+            raise FutureCancelledError("fly_task-1", "scheduler-connection-lost")
+
+    with pytest.raises(CommandFailed, match="the scheduler has gone away"):
+        cluster._answers(Lost(), {}, "tcp://127.0.0.1:9")
 
 
 def command(*arguments):

@@ -6,8 +6,11 @@ workers come and go. A worker flies its cases in a process of its own, as this c
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
+import logging
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -52,7 +55,10 @@ def fly(plan: Plan, cases: Iterable[Case], address: str, batch: int) -> Iterator
     begun = False
     try:
         connect: Any = Client  # distributed publishes types for a part only
-        with connect(address, timeout=CONNECT_S, name="kincal-campaign", set_as_default=False) as client:
+        with (
+            _quiet(),
+            connect(address, timeout=CONNECT_S, name="kincal-campaign", set_as_default=False) as client,
+        ):
             begun = True
             yield from _on(client, plan, cases, address, batch)
     except (OSError, ValueError) as error:
@@ -60,6 +66,18 @@ def fly(plan: Plan, cases: Iterable[Case], address: str, batch: int) -> Iterator
             raise _gone(address) from error
         todo = "start one (`dask scheduler`, and `dask worker ADDRESS` for each computer), or fly without"
         raise BadInput("no scheduler answers", address, todo) from None
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No tracebacks of the client when the scheduler goes away: the command says it."""
+    logger = logging.getLogger("distributed.client")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 def _gone(address: str) -> CommandFailed:
@@ -143,7 +161,7 @@ def _answers(future: Any, expected: dict[str, Any], address: str) -> list[Answer
     except KilledWorker as error:
         todo = "see the log of the workers, then give the same command: it goes on with what is missing"
         raise CommandFailed(f"workers died, again and again: {error}", address, todo) from None
-    except (OSError, TimeoutError, asyncio.CancelledError):
+    except (OSError, TimeoutError, asyncio.CancelledError, concurrent.futures.CancelledError):
         raise _gone(address) from None
     if isinstance(found, dict):
         _same(found, expected, address)

@@ -16,7 +16,7 @@ from . import cluster
 from .function import TIMINGS
 from .plan import Plan
 from .pool import Answer, Pool
-from .store import Row, Store, plan_of, read, row_of, software_differences
+from .store import Row, Store, fitting, kinds_of, plan_of, read, row_of, software_differences
 
 BATCH = 20  # cases a part, and a task of a cluster
 KEEP_S = 30.0  # no finished case waits longer to be written
@@ -89,9 +89,9 @@ def _collect(
     before = sum(index in store.done for index in asked)
 
     def keep() -> None:
-        nonlocal held, kept_s
+        nonlocal held, kept_s, died
         rows, held, kept_s = held, [], time.monotonic()  # before it may fail: no second try at the end
-        store.write(rows)
+        died += store.write(rows)
 
     def progress() -> Progress:
         return Progress(before + flown, len(asked), flown, died, time.monotonic() - begun_s)
@@ -133,7 +133,8 @@ def replay(folder: Path, index: int, log: Path | None = None) -> Replayed:
     answers = list(pool.fly(plan.cases([index])))
     if not answers:
         raise CommandFailed("the case gave no answer", str(folder))
-    flown = row_of(plan, answers[0])
+    answer = fitting(answers[0], kinds_of(folder)) if plan.spec.function else answers[0]
+    flown = row_of(plan, answer)
     flown = dict.fromkeys(stored) | flown  # columns that other cases of a function have
     stored = dict.fromkeys(flown) | stored
     differing = [name for name in stored if name not in TIMINGS and not _same(stored[name], flown[name])]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import selectors
+import signal
 import subprocess
 import sys
 import time
@@ -55,8 +56,9 @@ class _Worker:
             self.process.stdin.flush()
 
     def end(self) -> str:
-        """End it; how it ended, in words."""
-        self.process.kill()
+        """End it with all that cases have started in its group; how it ended, in words."""
+        with suppress(ProcessLookupError):  # not yet waited for: the number is still its own
+            os.killpg(self.process.pid, signal.SIGKILL)
         code = self.process.wait()
         for stream in (self.process.stdin, self.process.stdout):
             assert stream is not None

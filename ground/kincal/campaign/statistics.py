@@ -19,7 +19,7 @@ from scipy import stats
 
 from kincal_shared import installation
 from kincal_shared.errors import BadInput
-from kincal_shared.schema.campaign import OUTCOME, Condition, Requirement
+from kincal_shared.schema.campaign import ALL, OUTCOME, Condition, Requirement
 
 from .function import DIED, DISPERSED
 from .store import Results, Row, is_outcome
@@ -78,11 +78,12 @@ def evaluate(
     requirement: Requirement, outcomes: Sequence[Row], columns: Mapping[str, type] = OUTCOME
 ) -> Evaluated:
     """Whether the cases show that a requirement is met. columns: that its conditions may name."""
-    given, holds = Condition(requirement.given, columns), Condition(requirement.holds, columns)
+    holds = Condition(requirement.holds, columns)
+    given = None if requirement.given == ALL else Condition(requirement.given, columns)
     n = k = died = 0
     for outcome in outcomes:
         dead = outcome["ended"] == DIED
-        if not dead and not given.holds(outcome):
+        if not dead and given is not None and not given.holds(outcome):
             continue
         n, died = n + 1, died + dead
         k += not dead and holds.holds(outcome) is True
@@ -147,20 +148,20 @@ def _quantiles(values: Floats) -> Iterator[Quantile]:
 @dataclass(frozen=True)
 class Influence:
     """How an outcome goes with a dispersed value. rank: Spearman's correlation with the value; size: with its
-    distance from the middle of its range, because an error of either sign is one; p: probability of the
-    larger of the two by chance, times the number of values that were tried; sobol: first-order Sobol index
-    with its confidence, if asked for."""
+    distance from the median, because an error of either sign is one, and None of a key with two values,
+    which says nothing else there; p: probability of the larger of the two by chance, times the number of
+    correlations that were tried; sobol: first-order Sobol index with its confidence, if asked for."""
 
     key: str
     rank: float
-    size: float
+    size: float | None
     p: float
     sobol: tuple[float, float] | None = None
 
     @property
     def strength(self) -> float:
         """What they are ordered by."""
-        return max(abs(self.rank), abs(self.size))
+        return max(abs(self.rank), abs(self.size or 0.0))
 
 
 def influences(results: Results, column: str, sobol: bool = False) -> tuple[Influence, ...]:
@@ -170,12 +171,15 @@ def influences(results: Results, column: str, sobol: bool = False) -> tuple[Infl
     if len(y) < 4 or not keys or np.ptp(y) == 0.0:
         return ()
     indices = _sobol(keys, X, y) if sobol else {}
-    found = []
-    for key, x in zip(keys, X.T, strict=True):
-        rank = stats.spearmanr(x, y)
-        size = stats.spearmanr(np.abs(x - np.median(x)), y)
-        p = min(1.0, 2 * len(keys) * min(float(rank.pvalue), float(size.pvalue)))
-        found.append(Influence(key, float(rank.statistic), float(size.statistic), p, indices.get(key)))
+    sized = [len(np.unique(x)) > 2 for x in X.T]
+    tries, found = len(keys) + sum(sized), []
+    for key, x, is_sized in zip(keys, X.T, sized, strict=True):
+        tests = [stats.spearmanr(x, y)]
+        if is_sized:
+            tests.append(stats.spearmanr(np.abs(x - np.median(x)), y))
+        p = min(1.0, tries * min(float(test.pvalue) for test in tests))
+        rank, size = float(tests[0].statistic), float(tests[1].statistic) if is_sized else None
+        found.append(Influence(key, rank, size, p, indices.get(key)))
     return tuple(sorted(found, key=lambda one: -one.strength))
 
 
@@ -227,7 +231,7 @@ class Bad:
 
 @dataclass(frozen=True)
 class Report:
-    """A campaign in numbers. column: the outcome by which cases are good or bad."""
+    """A campaign in numbers. column: the outcome by which cases are good or bad; "": none is a number."""
 
     results: Results
     column: str
@@ -251,19 +255,21 @@ class Report:
 
 def report(results: Results, column: str = "", sobol: bool = False) -> Report:
     """What the cases show. column: number by which they are good or bad ("": after_pos_m; of a function, its
-    first number). BadInput if there is no number of that name in an outcome."""
+    first number, or none if it gave none). BadInput if there is no number of that name in an outcome."""
     numbers = [name for name in results.columns if is_outcome(name) and _is_number(results, name)]
-    if not column:
-        column = "after_pos_m" if "after_pos_m" in numbers else next(iter(numbers), "number")
-    if column not in numbers:
-        raise BadInput(f"an outcome has no number {column!r}", "--outcome", f"known: {', '.join(numbers)}")
+    if column and column not in numbers:
+        known = f"known: {', '.join(numbers)}" if numbers else "no case gave a number; leave it out"
+        raise BadInput(f"an outcome has no number {column!r}", "--outcome", known)
+    column = column or ("after_pos_m" if "after_pos_m" in numbers else next(iter(numbers), ""))
     outcomes, spec = list(results.outcomes()), results.plan.spec
+    alive = [o for o in outcomes if o["ended"] != DIED]
     for name in spec.columns:
-        if outcomes and all(o.get(name) is None for o in outcomes):
+        if alive and all(o.get(name) is None for o in alive):
             todo = "change the function, or [columns] of the campaign"
             raise BadInput(f"no case has a value of the column {name!r}", str(results.folder), todo)
     ends = Counter(_end(o) for o in outcomes)
-    shown = dict.fromkeys((column, *(name for name in SHOWN if name in numbers)))
+    first = (column,) if column else ()
+    shown = dict.fromkeys((*first, *(name for name in SHOWN if name in numbers)))
     return Report(
         results,
         column,
@@ -271,7 +277,7 @@ def report(results: Results, column: str = "", sobol: bool = False) -> Report:
         tuple((end, share(k, len(outcomes))) for end, k in ends.most_common()),
         tuple(evaluate(r, outcomes, spec.outcome) for r in spec.requirement),
         tuple(distribution(name, results.columns[name]) for name in shown),
-        influences(results, column, sobol),
+        influences(results, column, sobol) if column else (),
         tuple(_worst(results, column)),
     )
 
@@ -292,9 +298,10 @@ def _worst(results: Results, column: str) -> Iterator[Bad]:
     """Cases that died, then those that came to no end, then by the outcome, not-a-number first, then the
     largest (of p_fit, the smallest)."""
     c, sign = results.columns, 1.0 if column == "p_fit" else -1.0
+    values: list[float | None] = c[column] if column else [None] * results.n
 
     def badness(k: int) -> tuple[Any, ...]:
-        value = c[column][k]
+        value = values[k]
         return (
             c["ended"][k] != DIED,
             c["ended"][k] != "no end",
@@ -304,7 +311,7 @@ def _worst(results: Results, column: str) -> Iterator[Bad]:
 
     for k in sorted(range(results.n), key=badness)[:WORST]:
         command = shlex.join(["kincal", "campaign", "replay", str(results.folder), str(c["index"][k])])
-        yield Bad(c["index"][k], c["seed"][k], c["ended"][k], c["reason"][k] or "", c[column][k], command)
+        yield Bad(c["index"][k], c["seed"][k], c["ended"][k], c["reason"][k] or "", values[k], command)
 
 
 # ---- two campaigns
@@ -337,14 +344,15 @@ class Comparison:
 def compare(a: Report, b: Report) -> Comparison:
     """Two campaigns side by side. BadInput if their outcomes have no number in common to compare."""
     if a.column != b.column:
-        what = f"the outcome here is {a.column}, that of {b.results.folder} is {b.column}"
+        here, there = (r.column or "no number" for r in (a, b))
+        what = f"the outcome here is {here}, that of {b.results.folder} is {there}"
         raise BadInput(what, str(a.results.folder), "name a number of both with --outcome")
     theirs = {_meaning(r.requirement): r for r in b.requirements}
     pairs = [
         (r, theirs[_meaning(r.requirement)]) for r in a.requirements if _meaning(r.requirement) in theirs
     ]
     found = tuple(Compared(x.requirement.name, x, y, _fisher(x.share, y.share)) for x, y in pairs)
-    one, two = (next(d.values for d in r.distributions if d.column == a.column) for r in (a, b))
+    one, two = (next((d.values for d in r.distributions if d.column == a.column), ()) for r in (a, b))
     p = float(stats.mannwhitneyu(one, two).pvalue) if len(one) and len(two) else float("nan")
     return Comparison(a, b, tuple(_different(a.results, b.results)), found, p)
 

@@ -12,7 +12,7 @@ import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -50,26 +50,36 @@ def row_of(plan: Plan, answer: Answer) -> Row:
     return {"index": case.index, "seed": case.seed, **drawn, **outcome, "digest": digest, **timings}
 
 
-def _free(rows: list[Row], declared: Mapping[str, type]) -> dict[str, type]:
-    """Columns that a function gave, with their types. BadInput if one has several, or not the one that is
-    declared."""
-    found: dict[str, type] = {}
-    for name, value in (item for row in rows for item in row.items() if is_outcome(item[0])):
-        kind, known = type(value), found.setdefault(name, type(value))
-        if {kind, known} == {int, float}:
-            found[name] = float
-        elif known is type(None):
-            found[name] = kind
-        elif kind not in (known, type(None)):
-            what = f"{name} is of type {known.__name__} in one case, of type {kind.__name__} in another"
-            raise BadInput(what, "the function of the campaign", "give each column one type")
+def _joined(known: type, kind: type) -> type | None:
+    """The type of a column that has values of both; None if there is none."""
+    if kind in (known, type(None)):
+        return known
+    if known is type(None):
+        return kind
+    return float if {known, kind} == {int, float} else None
+
+
+def fitting(answer: Answer, kinds: dict[str, type]) -> Answer:
+    """The answer if its columns have the types of kinds, which learns new ones; else that the case died of
+    it."""
+    outcome = answer.answer.get("outcome", {})
+    joined = {name: _joined(kinds.get(name, type(None)), type(value)) for name, value in outcome.items()}
+    for name, kind in joined.items():
+        if kind is None:
+            given, known = type(outcome[name]).__name__, kinds[name].__name__
+            why = f"TypeError: {name} is of type {given}, in other cases or as declared of type {known}"
+            return replace(answer, answer={"index": answer.case.index, "error": why})
+    kinds |= {name: kind for name, kind in joined.items() if kind is not None}
+    return answer
+
+
+def _same_declared(found: Mapping[str, type], declared: Mapping[str, type], where: str) -> None:
+    """BadInput if columns have other types than those that are declared."""
     for name, kind in declared.items():
         given = found.get(name, type(None))
-        if given not in (kind, type(None)) and {given, kind} != {int, float}:
+        if _joined(given, kind) is None:
             what = f"{name} is of type {given.__name__}, not {kind.__name__} as declared"
-            todo = "change the function, or [columns] of the campaign"
-            raise BadInput(what, "the function of the campaign", todo)
-    return found
+            raise BadInput(what, where, "change the function, or [columns] of the campaign")
 
 
 def is_outcome(column: str) -> bool:
@@ -77,12 +87,12 @@ def is_outcome(column: str) -> bool:
     return column not in FIXED and not column.startswith(DISPERSED)
 
 
-def _schema(plan: Plan, rows: list[Row], of: bytes) -> pa.Schema:
+def _schema(plan: Plan, given: Mapping[str, type], of: bytes) -> pa.Schema:
+    """given: columns of the outcome with their types."""
     import pyarrow as pa
 
     kinds = {str: pa.string(), bool: pa.bool_(), int: pa.int64(), float: pa.float64(), type(None): pa.null()}
     drawn = [(DISPERSED + key, kinds[type(law.choice[0]) if law.choice else float]) for key, law in plan.laws]
-    given = _free(rows, plan.spec.outcome) if plan.spec.function else OUTCOME
     return pa.schema(
         [
             *(("index", pa.int64()), ("seed", pa.int64())),
@@ -106,6 +116,7 @@ class Store:
     done: set[int] = field(default_factory=set)
     _lock: int = -1
     _next: int = 1
+    _kinds: dict[str, type] = field(default_factory=dict)  # of the columns that a function gave
     _of: bytes = b""
 
     def __enter__(self) -> Store:
@@ -148,24 +159,51 @@ class Store:
         elif parts(self.folder):
             raise BadInput(f"the folder has cases but no {MANIFEST}", str(self.folder), "name another folder")
         self._of = _belonging(new)
+        self._kinds = kinds_of(self.folder)
+        if self.plan.spec.function:
+            _same_declared(self._kinds, self.plan.spec.outcome, str(self.folder))
         self.done = set(_indices(self.folder))
         self._next = max((int(part.stem.partition("-")[2]) for part in parts(self.folder)), default=0) + 1
         text = json.dumps(new, indent=1) + "\n"
         write_whole(self.folder / MANIFEST, text.encode())  # also where only requirements or titles are new
 
-    def write(self, answers: Iterable[Answer]) -> None:
-        """One part with these cases. CommandFailed if it cannot be written; then there is nothing of it."""
+    def write(self, answers: Iterable[Answer]) -> int:
+        """One part with these cases; how many of them died here, of a column with another type than that of
+        other cases. CommandFailed if it cannot be written; then there is nothing of it."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        rows = sorted((row_of(self.plan, answer) for answer in answers), key=lambda row: int(row["index"]))
-        if not rows:
-            return
+        given = sorted(answers, key=lambda answer: answer.case.index)
+        if not given:
+            return 0
+        kept, kinds = self._fitting(given) if self.plan.spec.function else (given, OUTCOME)
+        rows = [row_of(self.plan, answer) for answer in kept]
+        for name in (name for name, kind in kinds.items() if kind is float):  # also of a large whole number
+            for row in rows:
+                row[name] = None if row.get(name) is None else float(row[name])
         buffer = io.BytesIO()
-        pq.write_table(pa.Table.from_pylist(rows, _schema(self.plan, rows, self._of)), buffer)
+        pq.write_table(pa.Table.from_pylist(rows, _schema(self.plan, kinds, self._of)), buffer)
         write_whole(self.folder / f"part-{self._next:06d}.parquet", buffer.getvalue())
         self._next += 1
         self.done.update(int(row["index"]) for row in rows)
+        self._kinds |= kinds if self.plan.spec.function else {}
+        return sum(is_ is not was for is_, was in zip(kept, given, strict=True))
+
+    def _fitting(self, answers: list[Answer]) -> tuple[list[Answer], dict[str, type]]:
+        """The answers as they are stored, and their columns with the types. BadInput if a column has nowhere
+        the type that is declared."""
+        declared = self.plan.spec.outcome
+        kinds = dict(declared) | self._kinds
+        kept = [fitting(answer, kinds) for answer in answers]
+        outcomes = [answer.answer.get("outcome", {}) for answer in kept]
+        for died in (was for is_, was in zip(kept, answers, strict=True) if is_ is not was):
+            given = {name: type(value) for name, value in died.answer["outcome"].items()}
+            unknown = {
+                name for name in declared if all(o.get(name) is None for o in outcomes)
+            } - self._kinds.keys()
+            _same_declared(given, {n: declared[n] for n in unknown}, "the function of the campaign")
+        here = dict.fromkeys(("ended", "reason", *(name for outcome in outcomes for name in outcome)))
+        return kept, {name: kinds[name] for name in here}
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -300,6 +338,35 @@ def _tables(folder: Path, columns: list[str] | None = None) -> Iterator[pa.Table
         yield table
 
 
+def kinds_of(folder: Path) -> dict[str, type]:
+    """Columns of the outcome that the parts have, with their types. BadInput if one has several."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    kinds = {pa.string(): str, pa.bool_(): bool, pa.int64(): int, pa.float64(): float}
+    found: dict[str, type] = {}
+    for part in parts(folder):
+        for column in (column for column in pq.read_schema(part) if is_outcome(column.name)):
+            known = found.get(column.name, type(None))
+            joined = _joined(known, kinds.get(column.type, type(None)))
+            if joined is None:
+                what = f"{column.name} is of type {known.__name__} in one part, {column.type} in another"
+                raise BadInput(what, str(folder), "fly the campaign into another folder")
+            found[column.name] = joined
+    return found
+
+
+def _with_floats(table: pa.Table, kinds: Mapping[str, type]) -> pa.Table:
+    """The table with floats in the columns that have floats in other parts."""
+    import pyarrow as pa
+
+    for number, column in enumerate(table.schema):
+        if kinds.get(column.name) is float and column.type == pa.int64():
+            floats = table[column.name].cast(pa.float64(), safe=False)  # not only up to 2^53
+            table = table.set_column(number, column.name, floats)
+    return table
+
+
 def _indices(folder: Path) -> list[int]:
     found = [index for table in _tables(folder, ["index"]) for index in table["index"].to_pylist()]
     if len(set(found)) != len(found):
@@ -345,14 +412,10 @@ def read(folder: Path) -> Results:
 
     m, plan = read_manifest(folder), plan_of(folder)
     _indices(folder)
-    if not (found := list(_tables(folder))):
+    kinds = kinds_of(folder)
+    if not (found := [_with_floats(table, kinds) for table in _tables(folder)]):
         raise BadInput("no case has been flown yet", str(folder), "`kincal campaign run` flies them")
-    try:
-        table = pa.concat_tables(found, promote_options="permissive").sort_by("index")
-    except pa.ArrowException as error:
-        raise BadInput(
-            f"parts do not go together: {error}", str(folder), "give each column one type"
-        ) from None
+    table = pa.concat_tables(found, promote_options="permissive").sort_by("index")
     table = table.filter(pc.field("index") < plan.spec.cases)
     return Results(
         folder, plan, m["software"], {name: table[name].to_pylist() for name in table.column_names}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from kincal.results import length_text
+from kincal_shared.schema.campaign import ALL
 
 from .statistics import OPEN, Distribution, Evaluated, Influence
 
@@ -45,7 +46,7 @@ def requirement_cells(r: Evaluated) -> list[str]:
 def verdict_text(r: Evaluated) -> str:
     """What was judged, and what is missing."""
     c = r.requirement
-    given = "" if c.given == "True" else f" where {c.given}"
+    given = "" if c.given == ALL else f" where {c.given}"
     text = f"{c.name}: {c.holds}{given}, confidence {percent(c.confidence)}"
     if r.died:
         text += f"; {r.died} that died count as not met"
@@ -57,4 +58,5 @@ def verdict_text(r: Evaluated) -> str:
 def influence_cells(i: Influence) -> list[str]:
     """Key, correlations, probability by chance, Sobol index with its confidence."""
     sobol = f"{i.sobol[0]:.3f} ± {i.sobol[1]:.3f}" if i.sobol else "-"
-    return [i.key, f"{i.rank:+.2f}", f"{i.size:+.2f}", f"{i.p:.2g}", sobol]
+    size = "-" if i.size is None else f"{i.size:+.2f}"
+    return [i.key, f"{i.rank:+.2f}", size, f"{i.p:.2g}", sobol]

@@ -2,7 +2,7 @@
 
 First line: what all cases share. Then a line a case, answered by a line. A process of its own, because a
 case must not share flight core and simulator with another, and because what kills it then kills nothing
-else."""
+else. When the input ends, so does the process, also in the middle of a case: the command is gone."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import gc  # noqa: E402
 import json  # noqa: E402
 import signal  # noqa: E402
-import sys  # noqa: E402
+import threading  # noqa: E402
+from contextlib import suppress  # noqa: E402
 from pathlib import Path  # noqa: E402
-from typing import Any  # noqa: E402
+from queue import SimpleQueue  # noqa: E402
+from typing import Any, BinaryIO  # noqa: E402
 
 from kincal.campaign import function  # noqa: E402
 from kincal.run import dispersed  # noqa: E402
@@ -37,17 +39,29 @@ def fly(shared: dict[str, Any], case: dict[str, Any]) -> dict[str, Any]:
     return {"index": case["index"], **vars(flown)}
 
 
+def _receive(source: BinaryIO, lines: SimpleQueue[bytes]) -> None:
+    """Lines of the input; at its end, end this process with all that cases have started in its group."""
+    for line in source:
+        lines.put(line)
+    if os.getsid(0) == os.getpid():
+        with suppress(OSError):
+            os.killpg(0, signal.SIGKILL)
+    os._exit(0)
+
+
 def main() -> None:
     """Serve until the input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends its workers
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what libraries print is no answer
-    shared = json.loads(sys.stdin.readline() or "null")
+    lines = SimpleQueue[bytes]()
+    threading.Thread(target=_receive, args=(os.fdopen(os.dup(0), "rb"), lines), daemon=True).start()
+    shared = json.loads(lines.get())
     here = function.software(shared["function"], Path(shared["beside"]))
     other = shared["software"] != here  # files changed since the command began
     gc.freeze()  # what is loaded stays: the collector need not walk it over and over
-    for line in sys.stdin:
-        case = json.loads(line)
+    while True:
+        case = json.loads(lines.get())
         answer = {"index": case["index"], "other": True} if other else fly(shared, case)
         answers.write(json.dumps(answer) + "\n")
         answers.flush()

@@ -35,10 +35,13 @@ def page(r: Report, compared: Comparison | None, date: str) -> Page:
     sections = [
         Section("requirements", "Requirements", _requirement_text(r), grid=_requirements(r)),
         Section("ends", "How cases ended", "With 95 % bounds of Clopper and Pearson.", grid=_ends(r)),
-        Section("distribution", f"Distribution of {r.column}", "Band: 95 % bounds of Clopper and Pearson.",
-                figure=distribution_figure([r, *([compared.b] if compared else [])])),
-        Section("quantiles", "Quantiles", "Bounds, 95 %, are order statistics.", grid=_quantiles(r)),
     ]  # fmt: skip
+    if r.distributions:
+        figure = distribution_figure([r, *([compared.b] if compared else [])])
+        text = "Band: 95 % bounds of Clopper and Pearson."
+        sections.append(Section("distribution", f"Distribution of {r.column}", text, figure=figure))
+        text = "Bounds, 95 %, are order statistics."
+        sections.append(Section("quantiles", "Quantiles", text, grid=_quantiles(r)))
     if r.influences:
         text = (
             "Spearman's rank correlation with the value, and with its distance from the middle. A "
@@ -112,7 +115,7 @@ def _quantiles(r: Report) -> Grid:
 
 def _worst(r: Report) -> Grid:
     rows = [[str(b.index), number(r.column, b.value), b.ended, b.reason, b.command] for b in r.worst]
-    return Grid.of(f"case|{r.column}|<ended|<reason|<command", rows)
+    return Grid.of(f"case|{r.column or 'outcome'}|<ended|<reason|<command", rows)
 
 
 def _differing(c: Comparison) -> str:

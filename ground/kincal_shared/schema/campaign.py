@@ -93,6 +93,11 @@ OUTCOME: dict[str, type] = {
     "contacts_s": float,
     "mission_s": float,
 }
+# What flown cases have in these; a requirement never counts a case that died as met.
+WORDS: dict[str, tuple[str, ...]] = {
+    "ended": ("finished", "stopped", "no end", "died"),
+    "verdict": ("no_change", "change", "poor", ""),
+}
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
@@ -114,17 +119,42 @@ class Condition:
     """A condition on the outcome of a case, such as "after_pos_m <= 0.001 or not active"."""
 
     def __init__(self, text: str, columns: Mapping[str, type] = OUTCOME) -> None:
-        """columns: that it may name, with their types. Contradiction if it cannot be used."""
+        """columns: that it may name, with their types. Contradiction if it cannot be used, or a part of it is
+        the same for every case."""
         self.text, self._columns = text, columns
+        self._words = WORDS if columns is OUTCOME else {}
         try:
             self._tree = ast.parse(text.strip(), mode="eval").body
             kind = self._kind(self._tree)
+            if kind is bool:
+                self._tells(self._tree)
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             if isinstance(error, Contradiction):
                 raise
             raise Contradiction("", f"{text!r} cannot be read", _WRITE) from None
         if kind is not bool:
             raise Contradiction("", f"{text!r} is not true or false", _WRITE)
+
+    def _tells(self, node: ast.AST) -> None:
+        """Contradiction if it, or a part of it that is true or false, names no column, or a text is compared
+        with one that it never is."""
+        if not any(isinstance(part, ast.Name) for part in ast.walk(node)):
+            what = f"{self.text!r}: {ast.unparse(node)} is the same for every case"
+            raise Contradiction("", what, f"name a column: {', '.join(self._columns)}")
+        match node:
+            case ast.BoolOp(values=parts):
+                for part in parts:
+                    self._tells(part)
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                self._tells(operand)
+            case ast.Compare(left=left, comparators=right):
+                sides = [left, *right]
+                names = [side.id for side in sides if isinstance(side, ast.Name) and side.id in self._words]
+                texts = [side.value for side in sides if isinstance(side, ast.Constant)]
+                for name, text in ((name, text) for name in names for text in texts):
+                    if text not in self._words[name]:
+                        known = ", ".join(map(repr, self._words[name]))
+                        raise Contradiction("", f"{self.text!r}: {name} is never {text!r}", f"known: {known}")
 
     def holds(self, outcome: Mapping[str, Any]) -> bool | None:
         """Whether it holds; None if it needs a value that the case has not got."""
@@ -256,6 +286,9 @@ class Dispersion(Strict):
             raise Contradiction("choice", "mixes numbers and texts", "write all values alike, 1.0 and not 1")
 
 
+ALL = "True"  # given of all cases
+
+
 class Requirement(Strict):
     """What has to hold in a share of the cases, shown with confidence."""
 
@@ -263,8 +296,8 @@ class Requirement(Strict):
     """What it is called in reports."""
     holds: str = pydantic.Field(examples=["after_pos_m <= 0.001"])
     """Condition on the outcome of a case."""
-    given: str = "True"
-    """Counted are only the cases in which this holds."""
+    given: str = ALL
+    """Counted are only the cases in which this holds; True: all."""
     probability: Annotated[float, Quantity(gt=0.0, lt=1.0)]
     """Least probability with which it has to hold."""
     confidence: Annotated[float, Quantity(gt=0.0, lt=1.0)] = 0.95
@@ -352,7 +385,7 @@ class Campaign(Strict):
         if given := {"ended", "reason"} & self.columns.keys():
             raise Contradiction("columns", f"{given.pop()!r} is a text in every campaign", "remove it")
         for number, requirement in enumerate(self.requirement, 1):
-            for name in ("holds", "given"):
+            for name in ("holds", "given") if requirement.given != ALL else ("holds",):
                 try:
                     Condition(getattr(requirement, name), self.outcome)
                 except Contradiction as error:

@@ -28,11 +28,7 @@ def report(out: Console, r: Report) -> None:
     out.print(f"[bold]{title}[/]: {r.results.n} of {spec.cases} cases, {r.died} died")
     _ends(out, r)
     _requirements(out, r)
-    title = "\nDistributions (quantiles with 95 % bounds)"
-    rows = grid(title, "outcome", "cases", "5 %", "50 %", "95 %", "99 %", right=(1,))
-    for d in r.distributions:
-        rows.add_row(escape(d.column), str(len(d.values)), *quantile_cells(d))
-    out.print(rows)
+    _distributions(out, r)
     _influences(out, r)
     _worst(out, r)
 
@@ -59,6 +55,17 @@ def _requirements(out: Console, r: Report) -> None:
         out.print(escape(verdict_text(judged)))
 
 
+def _distributions(out: Console, r: Report) -> None:
+    if not r.distributions:
+        out.print("\nNo case gave a number: no distributions, no influences")
+        return
+    title = "\nDistributions (quantiles with 95 % bounds)"
+    rows = grid(title, "outcome", "cases", "5 %", "50 %", "95 %", "99 %", right=(1,))
+    for d in r.distributions:
+        rows.add_row(escape(d.column), str(len(d.values)), *quantile_cells(d))
+    out.print(rows)
+
+
 def _influences(out: Console, r: Report) -> None:
     if not r.influences:
         return
@@ -70,7 +77,7 @@ def _influences(out: Console, r: Report) -> None:
 
 
 def _worst(out: Console, r: Report) -> None:
-    rows = grid("\nWorst cases", escape(r.column), "ended", "reason", "again")
+    rows = grid("\nWorst cases", escape(r.column) or "outcome", "ended", "reason", "again")
     for bad in r.worst[:LISTED]:
         value = number(r.column, bad.value)
         rows.add_row(value, escape(bad.ended), escape(bad.reason), escape(bad.command))
