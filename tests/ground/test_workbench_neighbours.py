@@ -56,6 +56,11 @@ def test_a_function_that_no_variable_describes_is_no_noise(diagnosed):
     assert (diagnosed.verdict, found.adequate, diagnosed.adequate_after) == ("undecidable", False, False)
 
 
+def test_joints_that_stay_are_no_places(arm, measured):
+    still = replace(measured, q=measured.q * [0, 1, 1, 1, 0, 1, 1] + [0.1, 0, 0, 0, 0.3, 0, 0])
+    assert not {"q1", "q5"} & set(compare(arm, still).alike.by)
+
+
 def test_what_near_poses_have_in_common_is_said(diagnosed):
     said = diagnosis_text(diagnosed)
     common = (

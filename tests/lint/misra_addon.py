@@ -48,7 +48,9 @@ def check(name: str) -> None:
     MISRA["MisraChecker"].executeCheck = execute
     dump = Path(name)
     dump.with_suffix(".ctu-info").write_text("")  # the addon appends to it
-    dump.with_suffix(".found").write_text(findings(name))
+    new = dump.with_suffix(".new")
+    new.write_text(findings(name))
+    new.rename(dump.with_suffix(".found"))  # whole, or not there
 
 
 if __name__ == "__main__":

@@ -119,7 +119,7 @@ def _views(scorer: Scorer) -> Iterator[_View]:
     where: dict[tuple[str, ...], Array] = {
         ("orientation",): axes.reshape(n, 9),
         ("tool position",): expected,
-        (_JOINTS,): np.hstack(list(readings.values())),
+        **({(_JOINTS,): np.hstack(list(readings.values()))} if readings else {}),
         **{(name,): axes[:, :, k] for k, name in enumerate(TOOL_AXES)},
         **{(name,): axes[:, k, :] for k, name in enumerate(SENSOR_AXES)},
     }
@@ -129,9 +129,8 @@ def _views(scorer: Scorer) -> Iterator[_View]:
         rows[:, :, first : first + 3] = turn
         yield _View(f"{'rotation' if first else 'position'} in the frame of the {frame}", rows, where)
     for place in joint_places(fit.arm):
-        joint = place.name.removeprefix("joint ")
-        if joint.isdigit():
-            own = f"q{joint}"
+        own = f"q{place.name.removeprefix('joint ')}"
+        if own in readings:
             others = [name for name in readings if name != own]
             pairs = {tuple(sorted((own, b))): np.hstack([readings[own], readings[b]]) for b in others}
             rows = columns.location(place.frame, place.components)

@@ -38,11 +38,11 @@ def orientation_features(columns: Columns) -> Iterator[tuple[str, Array]]:
     for name, direction in zip((*TOOL_AXES, GRAVITY), (*axes.transpose(2, 0, 1), gravity), strict=True):
         if _varies(direction):
             yield name, _centred(_to_second_degree(direction))
-    for name, (*_, periods) in HEADINGS.items():
-        angle = periods * _heading(name, axes)
-        wave = np.column_stack([np.cos(angle), np.sin(angle)])
-        if _varies(wave):
-            yield name, _centred(wave)
+    angles = np.array([periods * _heading(name, axes) for name, (*_, periods) in HEADINGS.items()])
+    waves = np.stack([np.cos(angles), np.sin(angles)], axis=2)
+    waves -= waves.mean(axis=1, keepdims=True)
+    varies = waves.std(axis=1).max(axis=1) > _LEAST_SPREAD
+    yield from ((name, wave) for name, wave, one in zip(HEADINGS, waves, varies, strict=True) if one)
 
 
 def z_component(driver: str, columns: Columns) -> Array:
