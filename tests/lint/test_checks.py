@@ -65,7 +65,7 @@ def tree(root: Path) -> Path:
         "fsw/lcm/main.c": "int main(void) { return 0; }\n",
         "ground/native/kg_batch.c": '#include "kc_model.h"\n'
         "int kg(void);\nint kg(void) { return kc_model(1); }\n",
-        "sim/native/ks_x.c": "extern const int ks_x;\nconst int ks_x = 0;\n",
+        "sim/native/ks_x.cpp": "extern const int ks_x;\nconst int ks_x = 0;\n",
         "sim/tagdet/main.cpp": "int main() { return 0; }\n",
         "sim/tagdet/frame.cpp": "extern const int kFrame;\nconst int kFrame = 0;\n",
         "tests/bench/wcet.c": "int main(void) { return 0; }\n",
@@ -149,7 +149,7 @@ def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, he
         ({"fsw/app/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
         ({"sim/kincal_sim/x.py": "LIB = 'build/libkincal.so'\n"}, "must not load the flight core"),
         ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
-        ({"sim/native/ks_y.c": '#include "kc_rot.h"\n'}, "must not include flight code"),
+        ({"sim/native/ks_y.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
         (
             {
                 "fsw/app/kc_a.h": "void kc_a(void);\n",

@@ -2,7 +2,7 @@
 
 The minima are those of the tag detector (docs/METHOD.md 19). All corners count alike and are independent, and
 the covariance is of first order; the detector weighs corners by their edges and sums over tilts.
-They are found in C (sim/native/ks_pnp.h); in a run there are hundreds of frames.
+They are found in C++ (sim/native/ks_pnp.cpp); in a run there are hundreds of frames.
 Points are (k, 3) in the tool frame [m], pixels (k, 2), K is 3x3 [px]; R (3x3) and p (3,) [m] take the tool to
 the camera frame.
 """
@@ -20,7 +20,7 @@ from . import tags
 
 LIBRARY = "libsim_native.so"
 _NATIVE = ctypes.CDLL(str(built(LIBRARY)))
-_POSE = 13  # doubles of a ks_pose_t: attitude by rows, position, RMS
+_POSE = 13  # doubles of a pose: attitude by rows, position, RMS
 SeenTag = tuple[tags.Tag, np.ndarray]  # and its corners (4, 2) [px]
 
 
