@@ -53,8 +53,8 @@ _SAME_SIGMA = 1e-2  # converged: no prior sigma changes by a larger share
 # Where noise is unknown its covariance is mixed with that of so many poses of independent components, so that
 # few poses do not make one up.
 _NOISE_PRIOR_POSES = 12.0
-# It depends on the fit, and the fit on it: again until it stays, where there are more poses than coefficients (of
-# fewer, a fit may leave nothing at one component, and would be drawn there).
+# It depends on the fit, and the fit on it: again until it stays, where there are more poses than coefficients
+# (of fewer, a fit may leave nothing at one component, and would be drawn there).
 _WHITENINGS = 5
 _SAME_PROPORTIONS = 0.2
 
@@ -531,8 +531,8 @@ def fit_model(
 
 
 def _change_of_proportions(whitener: Array, newer: Array) -> float:
-    """Largest over least ratio of the variances (of any combination of components) of two whiteners (c, c), less
-    1: what one scale of all noise does not take."""
+    """Largest over least ratio of the variances (of any combination of components) of two whiteners (c, c),
+    less 1: what one scale of all noise does not take."""
     value = np.linalg.svd(whitener @ np.linalg.inv(newer), compute_uv=False)
     return float((value[0] / value[-1]) ** 2 - 1.0)
 
