@@ -7,6 +7,8 @@ import poses
 import pytest
 
 from kincal import workbench as wb
+from kincal.workbench.fit.columns import Columns
+from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.model.hypotheses import Competition, covers, joints_of
 from kincal.workbench.model.levers import TOOL, bodies
 from kincal.workbench.model.uplink import term_image
@@ -45,6 +47,18 @@ def torques(q):
 
 def sagging(compliance):
     return lambda q, _direction: q + np.array(compliance) * torques(q)
+
+
+def test_torques_that_errors_alone_make_are_no_drivers(tmp_path):
+    """Of masses on the axis of the last joint, which fitted DH errors tilt by some mrad."""
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = measure(tmp_path, 40, 6)
+    varying = []
+    for aside_m in (0.02, 0.0):
+        last = replace(arm.joints[-1], com_m=(aside_m, 0.0, arm.joints[-1].com_m[2]))
+        held = replace(arm, joints=(*arm.joints[:-1], last))
+        varying.append(set(Columns(fit_model(held, data)).torques()))
+    assert varying == [{2, 3, 4, 5, 6, 7}, {2, 3, 4, 5, 6}]
 
 
 # --------------------------------------------------------------------------- gravity without masses

@@ -87,7 +87,7 @@ def test_noise_alone_has_nothing_in_common(arm, measured, scorer):
 
 
 def _of_noise(scorer, z):
-    noisy = SimpleNamespace(**{k: getattr(scorer, k) for k in ("columns", "null")})
+    noisy = SimpleNamespace(**{k: getattr(scorer, k) for k in ("columns", "projector")})
     noisy.wz = scorer.projector.apply(z)
     return neighbours_alike(noisy)
 

@@ -10,6 +10,7 @@ from places import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
+from kincal.workbench.comparison.compare import compare
 from kincal.workbench.diagnosis.study import Study
 from kincal.workbench.evidence.adequacy import ADEQUATE_P, NoiseFloor, lack_of_fit, noise_floor
 from kincal.workbench.fit.least_squares import _leverage, fit_model
@@ -25,14 +26,14 @@ def lever_noise():
     return np.block([[SIGMA_POS_M * np.eye(3), moved], [np.zeros((3, 3)), np.diag(SIGMA_ROT_RAD)]])
 
 
-def measured(n, seed, stated=False):
-    """n poses of an arm with DH errors and such noise."""
+def measured(n, seed, stated=False, root=None):
+    """n poses of an arm with DH errors and such noise, or noise of another root (6, 6)."""
     rng = np.random.default_rng(seed)
     low, high = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
     q = rng.uniform(low, high, (n, 7))
     errors = 3e-3 * rng.normal(size=(7, 4)) / [1.0, 1.0, 3.0, 3.0]
     true = np.array([poses.tool_pose(row, errors) for row in q])
-    root = lever_noise()
+    root = lever_noise() if root is None else root
     noise = rng.normal(size=(n, 6)) @ root.T
     turned = Rotation.from_rotvec(noise[:, 3:]) * Rotation.from_matrix(true[:, :3, :3])
     return wb.Measurements(
@@ -97,6 +98,17 @@ def test_the_covariance_of_unknown_noise_is_that_of_the_residuals(arm):
     assert np.sqrt(np.diag(found)[[0, 1, 3, 4, 5]]) == pytest.approx(
         np.sqrt(np.diag(true)[[0, 1, 3, 4, 5]]), rel=0.3
     )
+
+
+@pytest.mark.parametrize(("sigma_m", "sigma_rad"), [(3e-4, 2e-5), (3e-5, 2e-3)])
+def test_unknown_noise_may_be_in_any_proportion(arm, sigma_m, sigma_rad):
+    """One pass from 1 mm and 3 mrad left it wrong, and tests of the residuals failed without reason."""
+    data = measured(160, 4, root=np.diag([sigma_m] * 3 + [sigma_rad] * 3))
+    fit = fit_model(arm, data)
+    found = np.diag(np.linalg.inv(fit.whiten[0].T @ fit.whiten[0]))
+    spread = np.sqrt([found[:3].mean(), found[3:].mean()]) * fit.scale
+    assert spread == pytest.approx([sigma_m, sigma_rad], rel=0.1)
+    assert compare(arm, replace(data, t_s=None)).adequate
 
 
 def test_unknown_noise_is_fitted_almost_as_well_as_stated_noise(arm):

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 from scipy.spatial import cKDTree
 
 from ..model.places import joint_places
@@ -23,6 +22,7 @@ from .orientation import axes_of_tool, from_base
 from .scoring import Scorer
 
 NEIGHBOURS_P = 1e-3
+_DRAWS = 400
 _NEAREST = 3  # poses beside each
 _LEAST_POSES = 20
 _LEAST_SKEW = 0.05  # of the draws: a gamma distribution as good as normal
@@ -61,24 +61,27 @@ class _View:
 def neighbours_alike(scorer: Scorer) -> Alike | None:
     """The most significant likeness of near poses; None where they are too few. Residuals of one sensor frame
     and of the tool's, by everything that says where the tool is; motions of each joint, by its reading and by
-    that of one joint more. The distribution of each without any likeness comes from draws of the noise, since
-    what the fit takes makes residuals alike too (and outliers count by their weights)."""
+    that of one joint more. The distribution of each without any likeness comes from the same residuals, those
+    of each pose with a sign that is drawn (wild bootstrap: Liu, Annals of Statistics 16, 1988): noise of any
+    shape stays what it is, and what the fit takes, which makes residuals alike too, is taken of the draws."""
     columns = scorer.columns
     poses = _different_poses(columns.fit.data.repeats, columns.n)
     if len(poses) < _LEAST_POSES:
         return None
-    drawn = np.hstack([scorer.null, scorer.wz[:, None]])
+    signs = np.random.default_rng(2).choice([-1.0, 1.0], size=(columns.n, _DRAWS))
+    signed = scorer.projector.apply(np.repeat(signs, columns.c, axis=0) * scorer.wz[:, None])
+    drawn = np.hstack([signed, scorer.wz[:, None]])
     z = drawn.reshape(columns.n, columns.c, -1)[poses]
-    graphs: dict[tuple[str, ...], sparse.csr_array] = {}
+    nearest: dict[tuple[str, ...], Indices] = {}
     found: list[Alike] = []
     for view in _views(scorer):
         motion = np.einsum("nmc,ncd->nmd", view.rows[poses], z)
         square = (motion**2).sum(axis=(0, 1))
         for by, x in view.by.items():
-            if by not in graphs:
-                graphs[by] = _nearest(x[poses])
-            near = graphs[by] @ motion.reshape(len(poses), -1)
-            alike = (motion * near.reshape(motion.shape)).sum(axis=(0, 1)) / np.maximum(square, 1e-300)
+            if by not in nearest:
+                nearest[by] = _nearest(x[poses])
+            near = np.mean([motion[k] for k in nearest[by]], axis=0)
+            alike = (motion * near).sum(axis=(0, 1)) / np.maximum(square, 1e-300)
             found.append(Alike(by, view.at, _tail(alike), float(alike[-1] - alike[:-1].mean())))
     best = min(found, key=lambda one: one.p_value)
     return Alike(best.by, best.at, min(1.0, best.p_value * len(found)), best.correlation)
@@ -89,15 +92,14 @@ def _different_poses(repeats: Groups | None, n: int) -> Indices:
     return np.arange(n) if repeats is None else np.asarray(np.sort(np.unique(repeats, return_index=True)[1]))
 
 
-def _nearest(x: Array) -> sparse.csr_array:
-    """(N, N) mean over the nearest poses of each."""
+def _nearest(x: Array) -> Indices:
+    """(3, N) indices of the nearest poses of each."""
     n = len(x)
     # one more: the pose itself, or one at the very same place
     nearest = np.asarray(cKDTree(x).query(x, _NEAREST + 1)[1])
     itself = nearest == np.arange(n)[:, None]
     others = np.take_along_axis(nearest, np.argsort(itself, axis=1, kind="stable")[:, :_NEAREST], axis=1)
-    rows = np.repeat(np.arange(n), _NEAREST)
-    return sparse.csr_array((np.full(rows.size, 1.0 / _NEAREST), (rows, others.ravel())), shape=(n, n))
+    return np.asarray(others.T)
 
 
 def _tail(drawn: Array) -> float:

@@ -81,7 +81,7 @@ def product_dictionary(columns: Columns) -> Dictionary:
     """Joint angles with each other, with the torque and the direction of any joint, with all that is slow."""
     fit = columns.fit
     recorded = _recorded_factors(fit.data, tuple(joint.prismatic for joint in fit.arm.joints))
-    torques = tuple(_torque_factors(columns))
+    torques = tuple(_centred("tau", j, tau) for j, tau in columns.torques().items())
     if not torques:
         return _recorded_dictionary(fit.data, tuple(joint.prismatic for joint in fit.arm.joints))
     return _joined(
@@ -125,13 +125,6 @@ def _slow_factors(data: Measurements) -> Iterator[Factor]:
     for name, x in values.items():
         if x is not None and np.ptp(x) > 1e-9:
             yield _centred(name, 0, x)
-
-
-def _torque_factors(columns: Columns) -> Iterator[Factor]:
-    for j in range(1, columns.fit.arm.n + 1) if columns.fit.arm.has_masses else ():
-        tau = columns.basis(Basis("lin", "tau", j))
-        if tau.std() > 1e-3 * max(np.abs(tau).max(), 1e-12) and tau.std() > 1e-6:
-            yield _centred("tau", j, tau)
 
 
 def _centred(name: str, index: int, x: Array) -> Factor:

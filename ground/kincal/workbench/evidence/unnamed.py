@@ -288,11 +288,9 @@ def _modelled(columns: Columns) -> Iterator[tuple[str, Array, float]]:
     """(name, (N,) values, kernel length) of the drivers that the model computes: gravity torques, and
     where it expects the tool. The measured position carries the very noise of the residual and would seem
     to explain it."""
-    data, arm = columns.fit.data, columns.fit.arm
-    for j in range(1, arm.n + 1) if arm.has_masses else ():
-        tau = columns.basis(Basis("lin", "tau", j))
-        if tau.std() > 1e-3 * max(np.abs(tau).max(), 1e-12) and tau.std() > 1e-6:
-            yield f"tau{j}", tau, 1.5
+    data = columns.fit.data
+    for j, tau in columns.torques().items():
+        yield f"tau{j}", tau, 1.5
     expected = data.p_m - columns.fit.evaluation.r[:, :3]
     places = zip(("sx", "sy", "sz"), expected.T, strict=True)
     for name, x in _image(data, expected) if data.has("cam") else places:

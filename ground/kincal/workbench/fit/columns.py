@@ -18,6 +18,8 @@ from .least_squares import Fit
 
 # Variables whose values depend on the coefficients: gravity loads, and where the model expects the tool.
 _MODELLED = frozenset(name for name, of in VARIABLES.items() if of.modelled)
+_VARIES = 1e-3  # standard deviation of a torque over its largest value
+_LEAST_TORQUE = 1e-5  # of the arm's largest: less is what DH errors make of masses on the axis of a joint
 
 
 @lru_cache(maxsize=8)
@@ -56,6 +58,17 @@ class Columns:
         if basis not in memory:
             memory[basis] = self.fit.model.basis_values(basis, self.fit.estimate)
         return memory[basis]
+
+    def torques(self) -> dict[int, Array]:
+        """(N,) gravity torques [N m] by joint, of those where they vary; none without masses."""
+        arm = self.fit.arm
+        of_joints = {j: self.basis(Basis("lin", "tau", j)) for j in range(1, arm.n + 1) if arm.has_masses}
+        largest = max((np.abs(tau).max() for tau in of_joints.values()), default=0.0)
+        return {
+            j: tau
+            for j, tau in of_joints.items()
+            if tau.std() > max(_VARIES * np.abs(tau).max(), _LEAST_TORQUE * largest)
+        }
 
     def term(self, term: Term) -> Array:
         """(N c,) column of one correction term with coefficient 1."""

@@ -391,7 +391,7 @@ def _accelerated(problem: Problem, now: _Iterate, normal: _NormalEquations, damp
     probe = now.point.coef + _PROBE * problem.sigma * velocity
     moved = (problem.trial(probe, now.point.coef) - now.point.z) * normal.root
     curved = (2.0 / _PROBE) * (moved.ravel() / _PROBE + normal.rows @ velocity)
-    bend = normal.solve(normal.rows.T @ curved, damping)
+    bend = normal.solve(normal.vector.T @ (normal.rows.T @ curved), damping)
     return problem.sigma * (velocity + 0.5 * bend)
 
 
@@ -399,13 +399,14 @@ def _accelerated(problem: Problem, now: _Iterate, normal: _NormalEquations, damp
 class _NormalEquations:
     """(A'A + damping) x = A'b in units of the priors, of the model's weighted rows (N c, k) and the priors'.
 
-    square: A'A, whose least eigenvalue is 1, so that squaring loses nothing that matters; slope: A'b;
-    root: (N, 1) what weights the rows.
+    value, vector: eigenvalues and vectors of A'A, whose least is 1, so that squaring loses nothing that
+    matters; slope: A'b in those vectors; root: (N, 1) what weights the rows.
     """
 
     rows: Array
     root: Array
-    square: Array
+    value: Array
+    vector: Array
     slope: Array
 
     @classmethod
@@ -414,12 +415,13 @@ class _NormalEquations:
         n, c = now.point.z.shape
         root = np.sqrt(now.weights.pose / now.weights.scale2)[:, None]
         rows = (root[:, :, None] * now.point.jac).reshape(n * c, -1) * sigma
-        slope = rows.T @ (root * now.point.z).ravel() - now.point.coef / sigma
-        return cls(rows, root, rows.T @ rows + np.eye(len(sigma)), slope)
+        value, vector = np.linalg.eigh(rows.T @ rows + np.eye(len(sigma)))
+        downhill = rows.T @ (root * now.point.z).ravel() - now.point.coef / sigma
+        return cls(rows, root, value, vector, vector.T @ downhill)
 
-    def solve(self, right: Array, damping: float) -> Array:
-        """(k,) solution for a right side."""
-        return array(np.linalg.solve(self.square + damping * np.eye(len(right)), right))
+    def solve(self, slope: Array, damping: float) -> Array:
+        """(k,) solution for a right side in the eigenvectors."""
+        return array(self.vector @ (slope / (self.value + damping)))
 
 
 def _cost(z: Array, coef: Array, sigma: Array, weights: _Weights) -> float:

@@ -335,12 +335,13 @@ def _reachable_text(c: Comparison) -> str:
 def _rest_lines(c: Comparison) -> list[str]:
     worst = ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses)
     note = explain.outlier_note(c.outliers)
+    shown = {explain.in_words(w.variable): w for w in c.where[:6]}
+    width = max(map(len, shown), default=0) + 2
     return [
         "where the residual comes from (share of it, p-value):",
         *[
-            f"  {explain.in_words(w.variable):<38}at {w.at:<20}{w.share_of_variance:7.1%}"
-            f"   p = {w.p_value:.2g}"
-            for w in c.where[:6]
+            f"  {name:<{max(width, 38)}}at {w.at:<20}{w.share_of_variance:7.1%}   p = {w.p_value:.2g}"
+            for name, w in shown.items()
         ],
         "",
         f"worst poses (in sigma of the residual): {worst}",
