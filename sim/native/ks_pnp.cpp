@@ -83,7 +83,7 @@ Fit refined(const View &view, const Pose &start)
     for (int k = 0; k < REFINE_MAX && size >= REFINE_UNTIL; k++) {
         Information damped = fit.sum.H;
         damped.diagonal() *= 1.0 + damping;
-        const Vector6d step = -damped.ldlt().solve(fit.sum.g);
+        const Vector6d step = -damped.llt().solve(fit.sum.g);
         const Eigen::Quaterniond turn(1.0, 0.5 * step[3], 0.5 * step[4], 0.5 * step[5]);
         const Pose moved{turn.normalized() * fit.pose.R, fit.pose.p_m + step.head<3>()};
         const Normal there = normal(view, moved);
@@ -106,20 +106,24 @@ std::array<Pose, 2> plane_poses(const View &view, Index first)
     Matrix3d R_tool_tag;
     R_tool_tag << x_m / half_m, y_m / half_m, x_m.cross(y_m) / (half_m * half_m);
 
-    Eigen::Matrix<double, 8, 8> A = Eigen::Matrix<double, 8, 8>::Zero();
-    Eigen::Matrix<double, 8, 1> b;
-    for (Index k = 0; k < 4; k++) {
-        const Eigen::RowVector3d at(k == 1 || k == 2 ? 1.0 : -1.0, k < 2 ? 1.0 : -1.0, 1.0);
-        const Vector2d image = (view.corner_px.col(first + k) - view.centre_px).cwiseQuotient(view.focal_px);
-        A.block<1, 3>(2 * k, 0) = A.block<1, 3>(2 * k + 1, 3) = at;
-        A.block<2, 2>(2 * k, 6) = -image * at.head<2>();
-        b.segment<2>(2 * k) = image;
-    }
-    const Eigen::Matrix<double, 8, 1> h = A.partialPivLu().solve(b);
-    const Vector3d centre(h[2], h[5], 1.0), line = centre.normalized();
-    Eigen::Matrix<double, 3, 2> across;  // of the line of sight, per depth
-    across << h[0], h[1], h[3], h[4], h[6], h[7];
-    across -= centre * h.tail<2>().transpose();
+    // The corners of a square, two by two across, have the same sum: so have their images, each at its depth.
+    Matrix3d seen = (view.corner_px.middleCols<3>(first).colwise() - view.centre_px)
+                        .cwiseQuotient(view.focal_px.replicate<1, 3>())
+                        .colwise()
+                        .homogeneous();
+    const Vector3d fourth =
+        (view.corner_px.col(first + 3) - view.centre_px).cwiseQuotient(view.focal_px).homogeneous();
+    const Vector3d depth = seen.inverse() * fourth;
+    seen.col(0) *= depth[0];
+    seen.col(1) *= -depth[1];
+    seen.col(2) *= depth[2];
+    Matrix3d h;  // of the square from -1 to 1, y up
+    h << 0.5 * (seen.col(1) - seen.col(0)), 0.5 * (seen.col(0) - fourth),
+        0.25 * (seen.rowwise().sum() + fourth);
+    h /= h(2, 2);
+    const Vector3d centre = h.col(2), line = centre.normalized();
+    Eigen::Matrix<double, 3, 2> across = h.leftCols<2>();  // of the line of sight, per depth
+    across -= centre * h.row(2).head<2>();
     across -= line * (line.transpose() * across);
     const Matrix2d G = across.transpose() * across;
     const double mean = 0.5 * G.trace();
