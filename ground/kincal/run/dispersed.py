@@ -342,7 +342,7 @@ def software() -> dict[str, str]:
         "ground": f"{zlib.crc32(library_file('ground').read_bytes()):08x}",
         "code": _hash(*(of_kincal / name for name in ("run", "flight", "campaign")), of_schema),
         "simulator": _hash(of_simulator, models),
-        "simulator in C": f"{zlib.crc32(installation.built(pnp.LIBRARY).read_bytes()):08x}",
+        "simulator library": f"{zlib.crc32(installation.built(pnp.LIBRARY).read_bytes()):08x}",
         "python": platform.python_version(),
         "machine": platform.machine(),
         **{name: importlib.metadata.version(name) for name in ("mujoco", "numpy", "scipy")},
