@@ -198,9 +198,9 @@ std::array<Pose, 2> plane_poses(const View &view, size_t first)
 // Between two attitudes [rad].
 double angle(const Matrix &A, const Matrix &B)
 {
-    double apart2 = 0.0;
-    for (size_t k = 0; k < 3; k++) { apart2 += dot(A[k] - B[k], A[k] - B[k]); }
-    return 2.0 * std::asin(std::min(1.0, std::sqrt(apart2 / 8.0)));
+    double distance2 = 0.0;
+    for (size_t k = 0; k < 3; k++) { distance2 += dot(A[k] - B[k], A[k] - B[k]); }
+    return 2.0 * std::asin(std::min(1.0, std::sqrt(distance2 / 8.0)));
 }
 
 void write(const Fit &fit, size_t corners, double *out)
