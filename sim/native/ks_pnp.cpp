@@ -234,16 +234,17 @@ extern "C" uint32_t ks_pnp(uint32_t n_tags, const double *camera, const double *
 {
     const size_t n = 4 * size_t{n_tags};
     const View view{camera, corner_m, corner_px, n};
+    const auto better = [](const Fit &a, const Fit &b) { return a.sum.cost < b.sum.cost; };
     std::vector<Fit> fits;
     for (size_t first = 0; first < n; first += 4) {
         for (const Pose &start : plane_poses(view, first)) {
             const Fit fit = refined(view, start);
-            if (std::isfinite(fit.sum.cost)) { fits.push_back(fit); }
+            if (std::isfinite(fit.sum.cost)) {
+                fits.insert(std::upper_bound(fits.begin(), fits.end(), fit, better), fit);
+            }
         }
     }
     if (fits.empty()) { return 0; }
-    std::stable_sort(fits.begin(), fits.end(),
-                     [](const Fit &a, const Fit &b) { return a.sum.cost < b.sum.cost; });
     const auto other = std::find_if(fits.begin(), fits.end(), [&](const Fit &fit) {
         return angle(fit.pose.R, fits[0].pose.R) > SAME_RAD;
     });
