@@ -8,7 +8,8 @@ import pytest
 
 import kcm
 from kincal_sim import transforms
-from kincal_sim.mechanics.arm import Arm, UnknownName, load_spec, split_errors
+from kincal_sim.mechanics.arm import Arm
+from kincal_sim.mechanics.spec import UnknownName, load_spec, split_errors
 from kincal_sim.mechanics.effects import JointCompliance
 from kincal_sim.mechanics.motion import ArmController, PanTiltController, TrajectoryGenerator
 from kincal_sim.mechanics.plant import Conditions, NoEquilibrium, Plant

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mechanics.arm import Arm, load_spec
+from ..mechanics.arm import Arm
+from ..mechanics.spec import load_spec
 from ..mechanics.effects import JointFunction
 from ..mechanics.plant import Conditions, Effect, Plant
 from ..transforms import quaternion, trans
