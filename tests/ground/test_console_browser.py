@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import shutil
 import socket
 import threading
 
@@ -10,8 +9,8 @@ import poses
 import pytest
 import uvicorn
 from axe_playwright_python.sync_playwright import Axe
-from places import BIN
-from playwright.sync_api import expect, sync_playwright
+from places import BIN, CHROMIUM
+from playwright.sync_api import expect
 from simulated_flight import SimulatedFlight
 
 import kcm
@@ -28,20 +27,11 @@ from kincal.console.sources import Live
 from kincal.console.spaces import Spaces
 from kincal.review import journal
 
-CHROMIUM = os.environ.get("KINCAL_CHROMIUM") or shutil.which("chromium")
 WIDE = {"width": 1920, "height": 1080}
 SHOTS = os.environ.get("KINCAL_SHOTS")  # a folder: pictures of what the tests see
 
 expect.set_options(timeout=30_000)  # of a busy machine
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_playwright() as playwright:
-        made = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
-        yield made
-        made.close()
 
 
 # Scenes in three dimensions are drawn by the processor here: only tests of kind "scenes" have WebGL, and
@@ -108,7 +98,8 @@ class Served:
 
 @contextlib.contextmanager
 def opened(browser, served, drawn="figures"):
-    """A page of the console, with "words", "figures" or "scenes"; whatever it asks for from elsewhere, and every error of it, fails the test."""
+    """A page of the console, with "words", "figures" or "scenes"; whatever it asks for from elsewhere, and
+    every error of it, fails the test."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     page = context.new_page()
     page.set_default_timeout(30_000)

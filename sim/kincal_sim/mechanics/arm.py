@@ -12,6 +12,7 @@ from ..transforms import transform
 from .mjcf import GRAVITY_EARTH, mjcf
 from .spec import load_spec, split_errors
 
+
 class Arm:
     """MuJoCo model and data of one arm.
 

@@ -1,5 +1,5 @@
-"""The simulator's numbers of the arm, and the names of its joints and errors, without MuJoCo: processes that only
-read a scenario start sooner."""
+"""The simulator's numbers of the arm (models/wam.toml), and the names of its joints and errors. MuJoCo is not
+loaded: what only reads a scenario starts sooner."""
 
 from __future__ import annotations
 
