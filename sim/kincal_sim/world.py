@@ -52,7 +52,7 @@ class World:
     last_motion_us: when arm or pan-tilt unit were last seen moving; -1 = never.
 
     What the sensors read after advance(); arrays are never changed in place: q_rad, dq_rad_s (n,), arm_moves,
-    pantilt_rad (2,), pantilt_moves; seq: number of their messages.
+    pantilt_rad (2,), pantilt_moves; seq: number of their messages; next_truth_us: when the truth is due.
     """
 
     def __init__(self, scenario: Scenario, seed: int, make_imager: MakeImager):
@@ -69,7 +69,7 @@ class World:
         self._commands: list[tuple[str, Any]] = []
         self._requested_frames: list[int] = []
         self.seq = 0
-        self._next_truth_us = 0
+        self.next_truth_us = 0
         # The last answer of settle(), what was asked, where the arm stood then; and what touches there.
         self._true: AtRest | None = None
         self._asked: tuple[Any, ...] = ()
@@ -83,6 +83,11 @@ class World:
         self._q, self._dq, self._q_cmd = _Listed(), _Listed(), _Listed()
         self._dir = _Listed(lambda d: d.tolist() + [0] * (JOINT_SLOTS - len(d)))
         self.gravity_m_s2 = [float(g) for g in scenario.env.gravity_m_s2]
+
+    @property
+    def commanded(self) -> bool:
+        """Something waits to be carried out when time next moves."""
+        return bool(self._commands)
 
     def receive(self, channel: str, message: Any) -> None:
         """A command from flight; carried out when time next moves."""
@@ -113,21 +118,23 @@ class World:
 
     def observe(self) -> list[tuple[str, Message]]:
         """The last: frames that were requested, and the truth once a second."""
-        return [*self.frames(), self.truth()] if self.judge() else self.frames()
+        frames, truth_due = self.watch()
+        return [*frames, self.truth()] if truth_due else frames
 
-    def frames(self) -> list[tuple[str, Message]]:
-        """Of the last part: frames that were requested."""
-        if not self._requested_frames:
-            return []
-        assert self.now_us is not None
-        return self._take_frames(self.now_us, self.settle(self._encoders, self.pantilt_rad))
+    def watch(self) -> tuple[list[tuple[str, Message]], bool]:
+        """observe() with truth() left to the caller: the frames, and whether the truth is due. What touches
+        then is noted."""
+        now_us = self.now_us or 0
+        frames: list[tuple[str, Message]] = []
+        if self._requested_frames:
+            frames = self._take_frames(now_us, self.settle(self._encoders, self.pantilt_rad))
+        truth_due = now_us >= self.next_truth_us
+        if truth_due:
+            self.next_truth_us = now_us - now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
+            self._note_what_touches()
+        return frames, truth_due
 
-    def judge(self) -> bool:
-        """Of the last part: once a second, note what touches. Whether it was time to."""
-        assert self.now_us is not None
-        if self.now_us < self._next_truth_us:
-            return False
-        self._next_truth_us = self.now_us - self.now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
+    def _note_what_touches(self) -> None:
         true = None
         if self.arm_moves or self.pantilt_moves:  # to another place each time
             self.stand(self._encoders, self.pantilt_rad)
@@ -137,10 +144,9 @@ class World:
             self._touching = true, sorted({" - ".join(pair) for pair in self.arm.collisions()})
         if self._touching[1]:
             self.contacts.update(self._touching[1])
-        return True
 
     def truth(self) -> tuple[str, Message]:
-        """Of the last part: where the arm truly is now."""
+        """Where the arm truly is now."""
         return "KC_SIM_TRUTH", self._sim_truth(self.settle(self._encoders, self.pantilt_rad))
 
     def execute_commands(self, t_us: int) -> None:
