@@ -157,7 +157,7 @@ class TrajectoryGenerator:
         if distance < REACHED_RAD:
             return
         self._unit = line / distance
-        share = [max(abs(unit), 1e-12) for unit in self._unit.tolist()]
+        share = [max(abs(move / distance), 1e-12) for move in moves]
         speed = self._goal_scale * min(map(truediv, self._speeds, share))
         self._line_accel = min(map(truediv, self._accels, share))
         self._profile = VelocityProfile.rest_to_rest(distance, speed, self._line_accel)
