@@ -133,7 +133,10 @@ def held_out_poses(scenario: Scenario, plant: Plant, seed: int, n: int = HELD_OU
     found: list[dict] = []
     for q_rad, sides in _random_postures(arm, seed):
         for k in _perhaps_inside(plant, arm, q_rad, low_m, high_m):
-            plant.stand(conditions(scenario, q_rad[k], sides[k]))
+            if plant.effects:
+                plant.stand(conditions(scenario, q_rad[k], sides[k]))
+            else:
+                plant.stand_rigid(q_rad[k], 0.0, 0.0, scenario.env.payload_kg)
             p_m = arm.p_base_tool_m
             if ((low_m <= p_m) & (p_m <= high_m)).all():
                 reached = {"q_rad": q_rad[k].tolist(), "dir": sides[k].tolist()}

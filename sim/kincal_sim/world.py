@@ -58,7 +58,8 @@ class World:
     def __init__(self, scenario: Scenario, seed: int, make_imager: MakeImager):
         self.scenario, self.seed = scenario, seed
         self.plant = build_plant(scenario, pictures=make_imager is not fast_imager)
-        self.arm = self.plant.arm(scenario.env.payload_kg)
+        self._payload_kg = scenario.env.payload_kg
+        self.arm = self.plant.arm(self._payload_kg)
         self.controller = ArmController(self.arm.spec)
         self.pantilt = PanTiltController(self.arm.spec)
         self.imager: Imager = make_imager(scenario, self.arm, seed)
@@ -181,7 +182,10 @@ class World:
 
     def stand(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> None:
         """settle() for those who need no poses."""
-        self.plant.stand(self._conditions(q_read_rad, pantilt_rad))
+        if self.plant.effects:
+            self.plant.stand(self._conditions(q_read_rad, pantilt_rad))
+        else:
+            self.plant.stand_rigid(q_read_rad, *pantilt_rad.tolist(), self._payload_kg)
 
     def _conditions(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> Conditions:
         direction, t_s = self.controller.trajectory.direction, (self.now_us or 0) * 1e-6

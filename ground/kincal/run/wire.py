@@ -49,8 +49,8 @@ _INPUTS = {
     for name, _ in _FLIGHT.ffi.typeof("kc_in_t").fields or ()
     if name.startswith(("has_", "n_"))
 } - {"rx_errors", "store_result"}
-_UPPER = np.triu_indices(6)
-# All 36 entries of a covariance from its upper triangle, row by row.
+# Of a covariance, row by row: its upper triangle from all 36 entries, and these from that.
+_UPPER_OF_WHOLE = itemgetter(*np.ravel_multi_index(np.triu_indices(6), (6, 6)).tolist())
 _WHOLE_OF_UPPER = itemgetter(*unpack_covariance(np.arange(21.0), 6).astype(int).ravel().tolist())
 
 
@@ -126,8 +126,7 @@ def _listed(value: Any) -> Any:
 
 def _packed(cov: Any) -> list[float]:
     """Upper triangle of a covariance, row by row."""
-    upper: list[float] = np.array(cov).reshape(6, 6)[_UPPER].tolist()
-    return upper
+    return list(_UPPER_OF_WHOLE(cov))
 
 
 def _whole_numbers(value: Any) -> Any:

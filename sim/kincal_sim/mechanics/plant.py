@@ -248,6 +248,13 @@ class Plant:
             T_base_cam = T_base_cam @ effect.camera_offset(at)
         return AtRest(q_rad, arm.T_base_tool, T_base_cam)
 
+    def stand_rigid(
+        self, q_read_rad: np.ndarray, pan_rad: float, tilt_rad: float, payload_kg: float = 0.0
+    ) -> None:
+        """stand() of a plant without effects, where no other condition counts."""
+        assert not self.effects
+        self._variants[float(payload_kg)].place(self.encoders.joints_rad(q_read_rad), (pan_rad, tilt_rad), {})
+
     def stand(self, at: Conditions, effects: Sequence[Effect] | None = None) -> np.ndarray:
         """settle() without poses: the true joints (n,) [rad]."""
         effects = self.effects if effects is None else effects
