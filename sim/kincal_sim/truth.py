@@ -129,15 +129,16 @@ def held_out_poses(scenario: Scenario, plant: Plant, seed: int, n: int = HELD_OU
     Each is reached from a random side: q_rad (readings) and dir [-1, 1], then p_m and q_wxyz, where the tool
     truly is in the base frame. Raises ArithmeticError if too few random poses lie in the region.
     """
-    arm, region = plant.arm(scenario.env.payload_kg), plant.spec["region"]
+    payload_kg, region = scenario.env.payload_kg, plant.spec["region"]
+    arm = plant.arm(payload_kg)
     low_m, high_m = np.array(region["min_m"]), np.array(region["max_m"])
     found: list[dict] = []
     for q_rad, sides in _random_postures(arm, seed):
-        for k in _perhaps_inside(plant, arm, q_rad, low_m, high_m):
+        for k in _perhaps_inside(plant, payload_kg, q_rad, low_m, high_m):
             if plant.effects:
                 plant.stand(conditions(scenario, q_rad[k], sides[k]))
             else:
-                plant.stand_rigid(q_rad[k], 0.0, 0.0, scenario.env.payload_kg)
+                plant.stand_rigid(q_rad[k], 0.0, 0.0, payload_kg)
             p_m = arm.p_base_tool_m
             if ((low_m <= p_m) & (p_m <= high_m)).all():
                 reached = {"q_rad": q_rad[k].tolist(), "dir": sides[k].tolist()}
@@ -149,12 +150,12 @@ def held_out_poses(scenario: Scenario, plant: Plant, seed: int, n: int = HELD_OU
 
 
 def _perhaps_inside(
-    plant: Plant, arm: Arm, q_rad: np.ndarray, low_m: np.ndarray, high_m: np.ndarray
+    plant: Plant, payload_kg: float, q_rad: np.ndarray, low_m: np.ndarray, high_m: np.ndarray
 ) -> np.ndarray:
     """Indices of those readings (k, n) with which the tool may be within limits (3,). Effects move the arm
     elsewhere: with any, all of them."""
     if plant.effects:
         return np.arange(len(q_rad))
-    p_m = arm.tool_positions_m(plant.encoders.joints_rad(q_rad))
+    p_m = plant.rigid_tools_m(q_rad, payload_kg)
     inside = (low_m - ROUNDING_M <= p_m) & (p_m <= high_m + ROUNDING_M)
     return np.flatnonzero(inside.all(axis=1))

@@ -185,7 +185,8 @@ class World:
         if self.plant.effects:
             self.plant.stand(self._conditions(q_read_rad, pantilt_rad))
         else:
-            self.plant.stand_rigid(q_read_rad, *pantilt_rad.tolist(), self._payload_kg)
+            pan_rad, tilt_rad = pantilt_rad.tolist()
+            self.plant.stand_rigid(q_read_rad, pan_rad, tilt_rad, self._payload_kg)
 
     def _conditions(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> Conditions:
         direction, t_s = self.controller.trajectory.direction, (self.now_us or 0) * 1e-6

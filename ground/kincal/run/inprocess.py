@@ -230,7 +230,7 @@ def simulate(
 
     scenario: one that is loaded, a file, or a name in sim/scenarios; seed: of everything random; each_tick:
     gets every tick, and ends the run by False. The result is a function of these, of tables and of store.
-    Costs about 0.1 ms of processor time a tick, 0.25 s for a calibration of 20 poses (280 s of mission time).
+    Costs less than 0.1 ms of processor time a tick, 0.2 s for a calibration of 20 poses (280 s of mission).
     One at a time in a process. BadInput for a wrong scenario, or if kincal[sim] is missing; CommandFailed if
     the message types are not built."""
     with Simulation(scenario, seed, setup) as simulation:
