@@ -52,7 +52,7 @@ class World:
     last_motion_us: when arm or pan-tilt unit were last seen moving; -1 = never.
 
     What the sensors read after advance(); arrays are never changed in place: q_rad, dq_rad_s (n,), arm_moves,
-    pantilt_rad (2,), pantilt_moves; seq: number of their messages; next_truth_us: when the truth is due.
+    pantilt_rad (2,), pantilt_moves; seq: number of their messages.
     """
 
     def __init__(self, scenario: Scenario, seed: int, make_imager: MakeImager):
@@ -70,7 +70,7 @@ class World:
         self._commands: list[tuple[str, Any]] = []
         self._requested_frames: list[int] = []
         self.seq = 0
-        self.next_truth_us = 0
+        self._next_truth_us = 0
         # The last answer of settle(), what was asked, where the arm stood then; and what touches there.
         self._true: AtRest | None = None
         self._asked: tuple[Any, ...] = ()
@@ -84,11 +84,6 @@ class World:
         self._q, self._dq, self._q_cmd = _Listed(), _Listed(), _Listed()
         self._dir = _Listed(lambda d: d.tolist() + [0] * (JOINT_SLOTS - len(d)))
         self.gravity_m_s2 = [float(g) for g in scenario.env.gravity_m_s2]
-
-    @property
-    def commanded(self) -> bool:
-        """Something waits to be carried out when time next moves."""
-        return bool(self._commands)
 
     def receive(self, channel: str, message: Any) -> None:
         """A command from flight; carried out when time next moves."""
@@ -129,9 +124,9 @@ class World:
         frames: list[tuple[str, Message]] = []
         if self._requested_frames:
             frames = self._take_frames(now_us, self.settle(self._encoders, self.pantilt_rad))
-        truth_due = now_us >= self.next_truth_us
+        truth_due = now_us >= self._next_truth_us
         if truth_due:
-            self.next_truth_us = now_us - now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
+            self._next_truth_us = now_us - now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
             self._note_what_touches()
         return frames, truth_due
 

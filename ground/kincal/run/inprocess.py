@@ -317,38 +317,17 @@ class Simulation:
 
     def until_sent(self) -> Tick | None:
         """Ticks until flight publishes something: that tick, as from step(). None when the run has ended."""
-        while (tick := self._quiet_tick() if self._is_quiet() else self.step()) is not None:
+        while (tick := self._tick(_QUIET)) is not None:
             if tick.from_flight:
                 return tick
         return None
 
-    def _is_quiet(self) -> bool:
-        """Of the next tick flight hears nothing but states, and the commander does nothing."""
-        now_us = (self._number + 1) * TICK_US
-        if self._sent or self.world.commanded or self._inbox or not self._secret:
-            return False
-        return now_us < self._commander.quiet_until_us and now_us <= self._limit_us
-
-    def _quiet_tick(self) -> Tick:
-        """What step() does in such a tick, in a third of the time."""
-        number = self._number = self._number + 1
-        now_us = self._now_us = number * TICK_US
-        world, flight = self.world, self._flight
-        world.advance(now_us)
-        flight.receive_states(world)
-        self._uncounted += 1
-        judged = now_us >= world.next_truth_us
-        if judged:
-            world.watch()
-            self._judged += 1
-        from_flight = flight.step(now_us)
-        if not from_flight:
-            return _QUIET
-        self._deliver(from_flight)
-        return Tick(number, now_us, flight.state, (), tuple(from_flight), world, judged)
-
     def step(self) -> Tick | None:
         """One tick: simulator, flight, commander. None when the run has ended."""
+        return self._tick()
+
+    def _tick(self, quiet: Tick | None = None) -> Tick | None:
+        """step(); what is given stands for a tick in which flight published nothing."""
         number = self._number + 1
         now_us = number * TICK_US
         if self.ended or now_us > self._limit_us:
@@ -356,23 +335,26 @@ class Simulation:
         self._number, self._now_us = number, now_us
         if self._faulty and self.setup.hooks.power_loss(number):
             self._flight = self._power_up()
-        self.world.advance(now_us)
+        world, flight, commander = self.world, self._flight, self._commander
+        world.advance(now_us)
         # Where nobody but flight hears the simulator, states need no messages, and what flight does not take
         # need not be made.
-        if plain := self._secret and UNHEARD.isdisjoint(self._commander.channels):
-            frames, judged = self.world.watch()
+        if plain := self._secret and UNHEARD.isdisjoint(commander.channels):
+            frames, judged = world.watch()
             to_flight = self._send_to_flight(frames) if frames or self._sent else ()
-            self._flight.receive_states(self.world)
+            flight.receive_states(world)
             self._uncounted += 1
             self._judged += judged
         else:
-            to_flight, judged = self._send_to_flight(self.world.states() + self.world.observe()), False
+            to_flight, judged = self._send_to_flight(world.states() + world.observe()), False
         from_flight = self._step_flight()
         if from_flight:
             self._deliver(from_flight)
-        self.ended = not self._commander.tick(now_us, self._inbox.take(now_us))
-        world = self.world if plain else None
-        return Tick(number, now_us, self._flight.state, to_flight, from_flight, world, judged)
+        if self._inbox or now_us >= commander.quiet_until_us:
+            self.ended = not commander.tick(now_us, self._inbox.take(now_us))
+        if quiet and not from_flight:
+            return quiet
+        return Tick(number, now_us, flight.state, to_flight, from_flight, world if plain else None, judged)
 
     def _send_to_flight(self, sensors: list[Message]) -> Messages:
         """Commands of the tick before, then what the simulator measures now."""
@@ -387,12 +369,12 @@ class Simulation:
         return to_flight
 
     def _step_flight(self) -> Messages:
+        if self._secret:
+            return tuple(self._flight.step(self._now_us))
         if self._file is not None:
             t = message_type("time_t")()
             t.tick, t.now_us = self._number, self._now_us
             self._record("KC_TIME", t)
-        if not self._faulty:
-            return tuple(self._flight.step(self._now_us))
         hooks = self.setup.hooks
         published = self._flight.step(max(0, hooks.clock(self._number, self._now_us)))
         return hooks.from_flight(self._number, tuple(published))
