@@ -67,8 +67,8 @@ class Executive:
     ABORT -> END.
 
     seed: of flight's random acquisition; acquisition, poses: instead of the scenario's; first_seq: number of
-    the first command. result: set when it is over, see record(). quiet_until_us: until then tick() does nothing
-    without messages.
+    the first command. result: set when it is over, see record(). quiet_until_us: until then tick() does
+    nothing without messages.
     """
 
     def __init__(

@@ -76,7 +76,7 @@ class World:
         self._asked: tuple[Any, ...] = ()
         self._asked_of: tuple[Any, ...] = ()
         self._stands = b""
-        self._touching: tuple[AtRest | None, list[str]] = None, []
+        self._contacts_at: tuple[AtRest | None, list[str]] = None, []
         self.q_rad = self.dq_rad_s = self.pantilt_rad = np.empty(0)
         self.arm_moves = self.pantilt_moves = False
         self._encoders = np.empty(0)  # readings without noise
@@ -127,19 +127,19 @@ class World:
         truth_due = now_us >= self._next_truth_us
         if truth_due:
             self._next_truth_us = now_us - now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
-            self._note_what_touches()
+            self._note_contacts()
         return frames, truth_due
 
-    def _note_what_touches(self) -> None:
+    def _note_contacts(self) -> None:
         true = None
         if self.arm_moves or self.pantilt_moves:  # to another place each time
             self.stand(self._encoders, self.pantilt_rad)
         else:
             true = self.settle(self._encoders, self.pantilt_rad)
-        if true is None or true is not self._touching[0]:
-            self._touching = true, sorted({" - ".join(pair) for pair in self.arm.collisions()})
-        if self._touching[1]:
-            self.contacts.update(self._touching[1])
+        if true is None or true is not self._contacts_at[0]:
+            self._contacts_at = true, sorted({" - ".join(pair) for pair in self.arm.collisions()})
+        if self._contacts_at[1]:
+            self.contacts.update(self._contacts_at[1])
 
     def truth(self) -> tuple[str, Message]:
         """Where the arm truly is now."""
