@@ -131,19 +131,19 @@ def held_out_poses(scenario: Scenario, plant: Plant, seed: int, n: int = HELD_OU
     """
     payload_kg, region = scenario.env.payload_kg, plant.spec["region"]
     arm = plant.arm(payload_kg)
-    low_m, high_m = np.array(region["min_m"]), np.array(region["max_m"])
+    limits_m = region["min_m"], region["max_m"]
     found: list[dict] = []
     for q_rad, sides in _random_postures(arm, seed):
-        for k in _perhaps_inside(plant, payload_kg, q_rad, low_m, high_m):
+        for k in _perhaps_inside(plant, payload_kg, q_rad, *map(np.array, limits_m)):
             if plant.effects:
                 plant.stand(conditions(scenario, q_rad[k], sides[k]))
             else:
                 plant.stand_rigid(q_rad[k], 0.0, 0.0, payload_kg)
-            p_m = arm.p_base_tool_m
-            if ((low_m <= p_m) & (p_m <= high_m)).all():
+            p_m = arm.p_base_tool_m.tolist()
+            if all(low <= p <= high for p, low, high in zip(p_m, *limits_m, strict=True)):
                 reached = {"q_rad": q_rad[k].tolist(), "dir": sides[k].tolist()}
                 T = arm.T_base_tool
-                found.append(reached | {"p_m": p_m.tolist(), "q_wxyz": quaternion(T).tolist()})
+                found.append(reached | {"p_m": p_m, "q_wxyz": quaternion(T).tolist()})
             if len(found) == n:
                 return found
     raise ArithmeticError(f"only {len(found)} of {HELD_OUT_TRIES} random poses have the tool in the region")
