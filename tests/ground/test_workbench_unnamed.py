@@ -110,10 +110,13 @@ def test_moments_of_cells_are_those_of_their_columns(arm, measured):
     others = np.random.default_rng(2).normal(size=(measured.n * columns.c, 3))
     made = cells(columns)
     assert {(cell.rows.shape[1], len(cell.drivers)) for cell in made} >= {(1, 1), (1, 2), (2, 1), (3, 1)}
-    for cell, moments in zip(made, cell_moments(made, others), strict=True):
-        size = np.linalg.norm(cell.columns)
-        assert moments.own == pytest.approx(cell.columns.T @ cell.columns, abs=1e-12 * size**2)
-        assert moments.cross == pytest.approx(cell.columns.T @ others, abs=1e-12 * size)
+    found = [row for m in cell_moments(made, others) for row in zip(m.places, m.own, m.cross, strict=True)]
+    assert sorted(k for k, *_ in found) == list(range(len(made)))
+    for k, own, cross in found:
+        columns = made[k].columns
+        size = np.linalg.norm(columns)
+        assert own == pytest.approx(columns.T @ columns, abs=1e-12 * size**2)
+        assert cross == pytest.approx(columns.T @ others, abs=1e-12 * size)
 
 
 def test_products_are_scored_like_any_other_column(arm, measured):
