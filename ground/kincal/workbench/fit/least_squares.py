@@ -230,14 +230,14 @@ class Problem:
     def linearised(self, coef: Array) -> _Point:
         """The model and its whitened residuals and derivatives at coefficients, loads taken there too."""
         ev = self.model.evaluate(coef)
-        return _Point(coef, ev, self._whitened(ev.r), self.whiten @ ev.J)
+        return _Point(coef, ev, self._whitened(ev.r), np.einsum("nij,njk->nik", self.whiten, ev.J))
 
     def trial(self, coef: Array, loads_at: Array) -> Array:
         """(N, c) whitened residuals at coefficients, loads kept where a step began."""
         return self._whitened(self.model.residuals(coef, loads_at))
 
     def _whitened(self, r: Array) -> Array:
-        return array((self.whiten @ r[:, :, None])[:, :, 0])
+        return array(np.einsum("nij,nj->ni", self.whiten, r))
 
 
 def _dh_size(rows: int, frames: int, widest: Sequence[float], count: int) -> Array:
@@ -487,17 +487,10 @@ def taken_by(rows: Array) -> Array:
 def distance_beside(z: Array, hat: Array) -> Array:
     """(N,) d_i^2 = z_i' (I - H_ii)^-1 z_i for residuals z (N, c) and blocks of a hat matrix (N, c, c).
 
-    No share of a row that is left counts as less than `_LEAST_LEFT`: below it there is rounding only. Where
-    none is that small, which Cholesky factors tell soonest, it takes no eigenvalues."""
-    one = np.eye(z.shape[1])
-    left = one - hat
-    try:
-        np.linalg.cholesky(left - _LEAST_LEFT * one)
-    except np.linalg.LinAlgError:
-        value, vector = np.linalg.eigh(left)
-        along = (vector.transpose(0, 2, 1) @ z[:, :, None])[:, :, 0]
-        return array((along**2 / np.maximum(value, _LEAST_LEFT)).sum(axis=1))
-    return array((z * np.linalg.solve(left, z[:, :, None])[:, :, 0]).sum(axis=1))
+    No share of a row that is left counts as less than `_LEAST_LEFT`: below it there is rounding only."""
+    value, vector = np.linalg.eigh(np.eye(z.shape[1]) - hat)
+    along = (vector.transpose(0, 2, 1) @ z[:, :, None])[:, :, 0]
+    return array((along**2 / np.maximum(value, _LEAST_LEFT)).sum(axis=1))
 
 
 # -------------------------------------------------------------------------------------------- finish
