@@ -572,7 +572,8 @@ def _finish(last: _Iterate) -> Fit:
         hypotheses=problem.hypotheses,
         names=problem.names,
         parameters=tuple(
-            replace(p, sigma=float(s)) for p, s in zip(problem.parameters, problem.sigma, strict=True)
+            p if p.sigma == s else replace(p, sigma=float(s))
+            for p, s in zip(problem.parameters, problem.sigma, strict=True)
         ),
         estimate=last.point.coef,
         std_err=np.sqrt(np.diag(cov)),
