@@ -8,9 +8,10 @@ import numpy as np
 
 from kincal_shared.schema.scenario import Coupling
 
-from .mechanics.arm import Arm, joint_index, load_spec, per_joint
+from .mechanics.arm import Arm
 from .mechanics.effects import Hysteresis, JointCompliance, JointFunction
 from .mechanics.plant import Conditions, Effect, Encoders, Plant
+from .mechanics.spec import joint_index, load_spec, per_joint
 from .randomness import generator
 from .scenario import Scenario
 from .transforms import quaternion

@@ -8,10 +8,11 @@ import pytest
 
 import kcm
 from kincal_sim import transforms
-from kincal_sim.mechanics.arm import Arm, UnknownName, load_spec, split_errors
+from kincal_sim.mechanics.arm import Arm
 from kincal_sim.mechanics.effects import JointCompliance
 from kincal_sim.mechanics.motion import ArmController, PanTiltController, TrajectoryGenerator
 from kincal_sim.mechanics.plant import Conditions, NoEquilibrium, Plant
+from kincal_sim.mechanics.spec import UnknownName, load_spec, split_errors
 from kincal_sim.scenario import ArmTruth, Scenario, load
 from kincal_sim.truth import build_plant, true_coefficients
 from kincal_sim.vision.imagers import BackgroundImager, Imager

@@ -174,7 +174,7 @@ class TrajectoryGenerator:
 class ArmController:
     """Takes arm commands and refuses impossible ones with a fault bit per joint.
 
-    spec: as arm.load_spec reads it; q_start: (n,) instead of the park pose. trajectory: encoder readings over
+    spec: as load_spec reads it; q_start: (n,) instead of the park pose. trajectory: encoder readings over
     time; q_cmd: (n,) last accepted goal; fault_mask: bit j-1 for joint j.
     """
 

@@ -209,7 +209,7 @@ class _Variant:
 class Plant:
     """One arm as it truly is: errors of its geometry and encoders, effects, and the payloads it may carry.
 
-    spec: numbers of the nominal arm (arm.load_spec); errors: as arm.split_errors reads them; payloads_kg:
+    spec: numbers of the nominal arm (spec.load_spec); errors: as spec.split_errors reads them; payloads_kg:
     each gets a MuJoCo model of its own; effects: in force unless settle() is given others; pictures: whether
     any will be taken of the arm.
     """

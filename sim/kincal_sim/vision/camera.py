@@ -28,7 +28,7 @@ from kincal_shared.schema.errors import read_toml, validate
 from kincal_shared.schema.simulator import OpticsFile
 
 from ..mechanics import appearance
-from ..mechanics.arm import load_spec
+from ..mechanics.spec import load_spec
 from ..transforms import rot, trans
 from .tag_renderer import Lighting, TagRenderer, Window
 from .tags import Tag
@@ -66,7 +66,7 @@ def _read(path: Path, _changed_ns: int) -> dict:
 def load_config(
     spec: dict | None = None, optics: dict | None = None, detection: dict | None = None
 ) -> Config:
-    """Make the configuration from the arm's spec (arm.load_spec) and models/camera.toml.
+    """Make the configuration from the arm's spec (spec.load_spec) and models/camera.toml.
 
     `optics` and `detection` replace settings of the tables of that name. Raises BadInput on an unknown
     setting, and ValueError if the pixels are not square: MuJoCo's frustum has one scale.
