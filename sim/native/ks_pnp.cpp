@@ -198,9 +198,9 @@ std::array<Pose, 2> plane_poses(const View &view, size_t first)
 // Between two attitudes [rad].
 double angle(const Matrix &A, const Matrix &B)
 {
-    double apart2 = 0.0;
-    for (size_t k = 0; k < 3; k++) { apart2 += dot(A[k] - B[k], A[k] - B[k]); }
-    return 2.0 * std::asin(std::min(1.0, std::sqrt(apart2 / 8.0)));
+    double distance2 = 0.0;
+    for (size_t k = 0; k < 3; k++) { distance2 += dot(A[k] - B[k], A[k] - B[k]); }
+    return 2.0 * std::asin(std::min(1.0, std::sqrt(distance2 / 8.0)));
 }
 
 void write(const Fit &fit, size_t corners, double *out)
@@ -234,16 +234,17 @@ extern "C" uint32_t ks_pnp(uint32_t n_tags, const double *camera, const double *
 {
     const size_t n = 4 * size_t{n_tags};
     const View view{camera, corner_m, corner_px, n};
+    const auto better = [](const Fit &a, const Fit &b) { return a.sum.cost < b.sum.cost; };
     std::vector<Fit> fits;
     for (size_t first = 0; first < n; first += 4) {
         for (const Pose &start : plane_poses(view, first)) {
             const Fit fit = refined(view, start);
-            if (std::isfinite(fit.sum.cost)) { fits.push_back(fit); }
+            if (std::isfinite(fit.sum.cost)) {
+                fits.insert(std::upper_bound(fits.begin(), fits.end(), fit, better), fit);
+            }
         }
     }
     if (fits.empty()) { return 0; }
-    std::stable_sort(fits.begin(), fits.end(),
-                     [](const Fit &a, const Fit &b) { return a.sum.cost < b.sum.cost; });
     const auto other = std::find_if(fits.begin(), fits.end(), [&](const Fit &fit) {
         return angle(fit.pose.R, fits[0].pose.R) > SAME_RAD;
     });
