@@ -55,8 +55,8 @@ def count(report: Path) -> tuple[int, int, int]:
     return total - failed - skipped, failed, skipped
 
 
-# Of a step that takes what the others leave: less than half the share of one that does not. With more, the others
-# end last; with less, these do, alone.
+# Of a step that takes what the others leave: less than half the share of one that does not. With more, the
+# others end last; with less, these do, alone.
 NICE = 4
 
 
