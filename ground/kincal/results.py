@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 if TYPE_CHECKING:
     from kincal.link.messages import Progress
+
+Value: TypeAlias = "float | str | bool"  # of a column of a campaign
 
 PAIRS_NAMED = 3  # of shapes, per reason
 
@@ -210,3 +212,15 @@ def summed(reasons: dict[str, int]) -> list[tuple[int, str]]:
         more = ", ..." if len(count) > PAIRS_NAMED else ""
         out.append((count.total(), f"{kind} ({', '.join(named)}{more})" if named else kind))
     return sorted(out, key=lambda x: (-x[0], x[1]))
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A case that was flown. dispersed: values of the built world by key; outcome: columns of
+    kincal_shared.schema.campaign.OUTCOME; digest: SHA-256 of all commands, measurements, estimates,
+    events and proposals of flight; cpu_s: processor time [s]."""
+
+    dispersed: dict[str, Value]
+    outcome: dict[str, Value | None]
+    digest: str
+    cpu_s: float

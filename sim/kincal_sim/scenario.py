@@ -9,7 +9,7 @@ from kincal_shared.installation import root
 from kincal_shared.schema import names
 from kincal_shared.schema.scenario import ArmTruth, Scenario, read_scenario
 
-from .mechanics.arm import UnknownName, joint_index, load_spec, per_joint, split_errors
+from .mechanics.spec import UnknownName, joint_index, load_spec, per_joint, split_errors
 
 SCENARIO_DIR = root() / "sim" / "scenarios"
 ACQUISITIONS = {"table": -1, **{name: number for number, name in enumerate(names.ACQUISITIONS)}}

@@ -40,8 +40,8 @@ from scipy.stats import chi2
 
 from kincal.flight import tables as codec
 from kincal.run.inprocess import TABLES, Setup, simulate
-from kincal_sim.mechanics.arm import load_spec
 from kincal_sim.mechanics.plant import AtRest, turn
+from kincal_sim.mechanics.spec import load_spec
 from kincal_sim.randomness import generator
 from kincal_sim.scenario import Scenario
 from kincal_sim.transforms import quaternion, rot, rotation_matrix, transform

@@ -22,8 +22,8 @@ from kincal.workbench import Library
 from kincal.workbench.evidence.constants import choose_constants
 from kincal.workbench.model.uplink import term_image
 from kincal_shared.schema.arm import read_arm
-from kincal_sim.mechanics.arm import load_spec
 from kincal_sim.mechanics.plant import Plant
+from kincal_sim.mechanics.spec import load_spec
 from kincal_sim.randomness import generator
 from kincal_sim.scenario import ArmTruth, Scenario, load
 from kincal_sim.transforms import rot, transform

@@ -43,6 +43,7 @@ from kincal.flight.kernel import spectral_table
 from kincal.rotations import wxyz_of_matrix
 from kincal.space import SpaceTable
 from kincal_sim.mechanics import arm as sim_arm
+from kincal_sim.mechanics.spec import load_spec
 
 ROOT = Path(__file__).resolve().parents[2]
 FLIGHT = library("flight")
@@ -69,7 +70,7 @@ REFERENCE_SEEDS = 10
 
 def true_arm(bare: bool) -> sim_arm.Arm:
     """MuJoCo's arm with the paper's errors; bare: without base and tool offset."""
-    spec = sim_arm.load_spec()
+    spec = load_spec()
     if bare:
         spec["base"]["xyz_m"] = spec["tool"]["xyz_m"] = [0.0, 0.0, 0.0]
     return sim_arm.Arm(spec, ERRORS)
@@ -297,7 +298,7 @@ class SearchSpace:
     """Candidates of a table; the true arm is brought to each nominal pose once."""
 
     def __init__(self, path: str):
-        self.truth, nominal = true_arm(bare=False), sim_arm.Arm(sim_arm.load_spec(), {})
+        self.truth, nominal = true_arm(bare=False), sim_arm.Arm(load_spec(), {})
         self.q = SpaceTable.load(Path(path))[1].q_rad
         self.wanted = true_poses(nominal, self.q)
         found = [true_joints(self.truth, T, q) for T, q in zip(self.wanted, self.q, strict=True)]

@@ -56,7 +56,8 @@ from kincal.flight import event_name  # noqa: E402
 from kincal.flight import tables as codec  # noqa: E402
 from kincal.pages.image import NoPictures  # noqa: E402
 from kincal.run.inprocess import TABLES, Setup, Tick, simulate  # noqa: E402
-from kincal_sim.mechanics.arm import Arm, split_errors  # noqa: E402
+from kincal_sim.mechanics.arm import Arm  # noqa: E402
+from kincal_sim.mechanics.spec import split_errors  # noqa: E402
 from kincal_sim.randomness import generator  # noqa: E402
 from kincal_sim.scenario import ArmTruth, Scenario, load  # noqa: E402
 from kincal_sim.transforms import quaternion, rot, rotation_angle, rotation_matrix  # noqa: E402

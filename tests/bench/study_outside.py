@@ -33,7 +33,8 @@ from scipy.spatial.transform import Rotation
 from servoed import true_joints
 
 from kincal.space import SpaceTable
-from kincal_sim.mechanics.arm import Arm, load_spec
+from kincal_sim.mechanics.arm import Arm
+from kincal_sim.mechanics.spec import load_spec
 from kincal_sim.randomness import generator
 from kincal_sim.scenario import Scenario, load
 from kincal_sim.transforms import rotation_matrix

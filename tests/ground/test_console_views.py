@@ -4,10 +4,10 @@ read-back, an effect from upload to uplink."""
 import lcm
 import poses
 import pytest
-from places import ROOT
+from places import CHROMIUM, ROOT
 from playwright.sync_api import expect
 from simulated_flight import SimulatedFlight
-from test_console_browser import CHROMIUM, Served, browser, opened, serious, shot  # noqa: F401 a fixture
+from test_console_browser import Served, opened, serious, shot
 from test_console_spaces import SMALL
 
 import kcm
@@ -28,7 +28,7 @@ def idle(tmp_path_factory):
         served.stop()
 
 
-def test_the_frame_of_the_camera_is_shown_with_its_tags(browser, idle):  # noqa: F811
+def test_the_frame_of_the_camera_is_shown_with_its_tags(browser, idle):
     with opened(browser, idle) as page:
         expect(page.locator(".frame")).to_contain_text("No detection and no frame was heard")
         bus, data = lcm.LCM(idle.flight.url), FRAME.read_bytes()
@@ -50,7 +50,7 @@ def test_the_frame_of_the_camera_is_shown_with_its_tags(browser, idle):  # noqa:
         shot(page, "now-frame")
 
 
-def test_a_space_is_described_built_checked_sent_and_read_back(browser, idle):  # noqa: F811
+def test_a_space_is_described_built_checked_sent_and_read_back(browser, idle):
     with opened(browser, idle) as page:
         expect(page.locator(".state h1")).to_contain_text("IDLE")
         page.keyboard.press("Alt+5")
@@ -111,7 +111,7 @@ def test_a_space_is_described_built_checked_sent_and_read_back(browser, idle):  
         shot(page, "space-difference")
 
 
-def test_an_effect_from_upload_to_uplink_to_the_next_flight(browser, idle, tmp_path):  # noqa: F811
+def test_an_effect_from_upload_to_uplink_to_the_next_flight(browser, idle, tmp_path):
     poses.arm_toml(tmp_path / "arm.toml")
     poses.poses_csv(tmp_path / "poses.csv", 40, seed=1)
     with opened(browser, idle) as page:

@@ -292,7 +292,9 @@ def test_the_section_of_confounding_names_what_was_found_and_its_alternatives(fo
 
 def test_a_model_that_evidence_speaks_against_is_not_adequate(found):
     """The tests of the residuals may pass all the same: they see less than the evidence for one effect."""
-    passed = replace(found.d, comparison=replace(found.d.comparison, adequate=True), serial=None)
+    comparison = replace(found.d.comparison)
+    vars(comparison)["adequate"] = True
+    passed = replace(found.d, comparison=comparison, serial=None)
     for none, adequate in ((0.9, True), (1e-9, False)):
         d = replace(passed, probability_none=none)
         assert diagnosis_json(d)["adequate"] is adequate

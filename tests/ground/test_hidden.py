@@ -13,8 +13,8 @@ from kincal_sim import transforms
 from kincal_sim.hidden import __main__, campaign, case, files, kinds, optical_effects, optics, seal
 from kincal_sim.hidden.bench import Bench
 from kincal_sim.hidden.spec import CaseSpec
-from kincal_sim.mechanics.arm import load_spec
 from kincal_sim.mechanics.plant import Effect, Plant
+from kincal_sim.mechanics.spec import load_spec
 
 
 def spec(*effects, n=12, **more):

@@ -160,9 +160,9 @@ def test_columns_act_along_the_expected_axes():
 
 @pytest.fixture(scope="module")
 def distorted(tmp_path_factory):
-    """70 poses of a camera on the flange with k1 = 0.1."""
+    """45 poses of a camera on the flange with k1 = 0.1."""
     path = tmp_path_factory.mktemp("distorted") / "poses.csv"
-    return wb.read_csv(boards.eye_in_hand_csv(path, 70, 4, (0.1, 0.0, 0.0, 0.0)), 7)
+    return wb.read_csv(boards.eye_in_hand_csv(path, 45, 4, (0.1, 0.0, 0.0, 0.0)), 7)
 
 
 def arm_with_camera(tmp_path, *, stated: bool, mount: str = "tool"):
@@ -238,7 +238,7 @@ def test_radial_distortion_of_a_camera_on_the_flange_is_named(tmp_path, library,
 
 def test_radial_distortion_of_a_camera_that_stands_is_named(tmp_path, library):
     arm = arm_with_camera(tmp_path, stated=True, mount="world")
-    data = wb.read_csv(boards.world_csv(tmp_path / "poses.csv", 70, 5, (0.1, 0.0, 0.0, 0.0)), 7)
+    data = wb.read_csv(boards.world_csv(tmp_path / "poses.csv", 40, 5, (0.1, 0.0, 0.0, 0.0)), 7)
     lens = leading(wb.diagnose(arm, data, library))
     assert (lens.name, lens.probability >= 0.9) == ("lens_radial", True)
     k1 = lens.parameters[0]

@@ -82,6 +82,12 @@ def given(folder):
 
 
 @pytest.fixture(scope="module")
+def compared(given):
+    """What DH errors alone leave of them."""
+    return answer("compare", *given)
+
+
+@pytest.fixture(scope="module")
 def flight_log(tmp_path_factory):
     """A short calibration in simulation, without pixels."""
     out = tmp_path_factory.mktemp("run")
@@ -100,8 +106,8 @@ def model(tmp_path):
 # --------------------------------------------------------------------------- answers
 
 
-def test_compare_answers_with_the_pinned_keys(given):
-    got = answer("compare", *given)
+def test_compare_answers_with_the_pinned_keys(given, compared):
+    got = compared
     has(COMPARE, got)
     assert (got["poses"], got["fit"], got["held"], got["components"]) == (60, 45, 15, 6)
     for name in ("nominal", "fit", "held"):
@@ -138,11 +144,11 @@ def test_diagnose_names_the_effect_and_answers_with_the_pinned_keys(given):
     assert needs["latency"] == ["qdot"]
 
 
-def test_added_effect_is_no_longer_missing(given, model):
+def test_added_effect_is_no_longer_missing(given, model, compared):
     good("add", "--model", model, "backlash[4]")
     got = answer("diagnose", *given, "--model", model)
     assert got["verdict"] == "adequate"
-    assert got["rms"]["held"]["pos_mm"] < answer("compare", *given)["rms"]["held"]["pos_mm"]
+    assert got["rms"]["held"]["pos_mm"] < compared["rms"]["held"]["pos_mm"]
 
 
 def test_model_is_built_step_by_step(given, model, folder):
@@ -181,15 +187,14 @@ def test_list_shows_the_values_of_an_effect_at_several_joints(given, model, effe
     assert [line.split()[0] for line in shown] == [effect, *(f"backlash[{j}].h" for j in joints)]
 
 
-def test_unnamed_effect_is_added_fitted_taken_back_and_flown(given, model):
+def test_unnamed_effect_is_added_fitted_taken_back_and_flown(given, model, compared):
     name = "unnamed[joint 4: dir4]"
     said = good("add", *given, "--model", model, "unnamed[joint 4:dir4]").output
     assert f"{name}: 1 coefficient (" in said
     assert "c1 x dir4 at joint[4]" in said
     assert ": improved" in said
-    before = answer("compare", *given)["rms"]["held"]["pos_mm"]
-    assert answer("compare", *given, "--model", model)["rms"]["held"]["pos_mm"] < before
     fitted = answer("fit", *given, "--model", model)
+    assert fitted["rms"]["held"]["pos_mm"] < compared["rms"]["held"]["pos_mm"]
     assert "+ " + name in {row["model"] for row in fitted["nested_models"]["models"]}
     value = next(p for p in fitted["parameters"] if p["name"] == f"{name}.c1")
     assert value["value"] == pytest.approx(3e-3, abs=4 * value["std_err"])
@@ -452,7 +457,7 @@ def test_figures_of_awkward_data_are_made(tmp_path):
 def test_nested_models_of_a_report_are_those_of_the_model_file(tmp_path):
     """Effects under the name they were added by, and DH errors only where the model has them."""
     arm, library = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml")), wb.Library.load()
-    data = wb.read_csv(poses.poses_csv(tmp_path / "d.csv", 40, 3), 7)
+    data = wb.read_csv(poses.poses_csv(tmp_path / "d.csv", 40, 3, dh_size=0.0), 7)
     effects = library.find("backlash[3,4]", arm, data)
     found = wb.diagnose(arm, data, library, effects, dh=False)
     content = report_content(found, library, ["backlash[3,4]"], dh=False)

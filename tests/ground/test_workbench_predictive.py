@@ -314,7 +314,7 @@ def test_a_part_is_spread_over_all_conditions_and_always_the_same():
 
 
 def test_many_poses_are_searched_on_a_part_and_judged_on_all(tmp_path):
-    n = MANY + 300
+    n = MANY + 40
     arm, data = measured(tmp_path, n, 8, lambda q, _: q + 4e-3 * TWIST * np.cos(q) * [0, 1, 0, 0, 0, 0, 0])
     assert len(part_of(data)) == len(set(part_of(data))) == PART
     fit = fit_model(arm, data)

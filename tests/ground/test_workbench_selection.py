@@ -15,7 +15,7 @@ from kincal.workbench.evidence.scoring import Scored
 from kincal.workbench.model.effects import Hypothesis, Parameter
 from kincal.workbench.model.hypotheses import Candidate, Competition
 
-BARE = Score(np.zeros(1), np.ones(1), 0.0)
+BARE = Score(np.zeros(1), np.ones(1), 0.0, 0.0, 1)
 
 
 def effect(name, parameters=1):

@@ -83,8 +83,7 @@ def in_model(d):
     return [e.name for e in d.effects if e.in_model]
 
 
-@pytest.mark.parametrize("noise", [autoregressive, walk])
-@pytest.mark.parametrize("seed", [31, 32])
+@pytest.mark.parametrize(("noise", "seed"), [(autoregressive, 32), (walk, 31)])
 def test_noise_that_is_correlated_in_time_is_no_effect(arm, library, noise, seed):
     """Up to twelve effects came, which held-out poses confirmed: their neighbours in time were fitted."""
     d = wb.diagnose(arm, measured(at_random(100, seed), seed, noise), library)

@@ -15,8 +15,8 @@ CRC = -559038737  # what KC_PROPOSAL and approval name
 FRAMES = 5
 HEARD = ["KC_ARM_STATE", "KC_DETECTION", "KC_CMD"]
 HK_PERIOD_US = 1_000_000
-# Scripts: "change", "healthy", "poor": how the proposal is; "refuse": commands; "no-housekeeping": none after
-# the second frame; "stuck": no progress; "crash": ends with status 7.
+# Scripts: "change": a proposal comes; "no-housekeeping": none after the second frame; "stuck": no progress;
+# "crash": ends with status 7.
 
 
 class FakeFlight:
@@ -53,7 +53,6 @@ class FakeFlight:
             self.arm_state = m
         elif self.state == MOVE:
             self.poses += 1
-            self.report(m)
 
     def housekeeping(self, now_us):
         self.next_hk_us = now_us + HK_PERIOD_US
@@ -65,10 +64,7 @@ class FakeFlight:
     def command(self, m, now_us):
         ack = kcm.ack_t()
         ack.source, ack.seq, ack.opcode = m.source, m.seq, m.opcode
-        ack.status = -1 if self.script == "refuse" else 0
         self.publish("KC_ACK", ack, now_us)
-        if ack.status:
-            return
         if m.opcode == kcm.cmd_t.START:
             self.state = MOVE
             self.move(now_us)
@@ -91,19 +87,12 @@ class FakeFlight:
         if self.poses == FRAMES:
             p = kcm.proposal_t()
             p.crc, p.n_poses, p.p_fit = CRC, FRAMES, 0.5
-            p.verdict = {"healthy": p.NO_CHANGE, "poor": p.POOR}.get(self.script, p.CHANGE)
-            self.state = IDLE if self.script == "healthy" else REVIEW
+            p.verdict = p.CHANGE
+            self.state = REVIEW
             self.publish("KC_PROPOSAL", p, now_us)
         elif self.arm_state is not None and not self.arm_state.moving and self.requested == self.poses:
             self.requested += 1
             self.publish("KC_FRAME_REQUEST", kcm.frame_request_t(), now_us)
-
-    def report(self, m):
-        """What was detected, so that a test can compare runs. Poses count from 1."""
-        meas = kcm.meas_t()
-        meas.pose, meas.n_joints, meas.q_rad = self.poses, 7, self.arm_state.q_rad
-        meas.p_cam_tool_m, meas.q_cam_tool_wxyz, meas.n_tags = m.p_cam_tool_m, m.q_cam_tool_wxyz, m.n_tags
-        self.bus.publish("KC_MEAS", meas)
 
 
 def main():

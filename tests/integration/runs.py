@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FAKE_FSW = Path(__file__).with_name("fake_fsw.py")
 
 
-def fake_run(tmp_path, scenario="paper", script="change", **options) -> Run:
+def fake_run(tmp_path, script="change", **options) -> Run:
     """A run with the fake flight participant that plays `script`."""
     store, tables = tmp_path / "store", tmp_path / "tables"
     for folder in (store, tables):
@@ -26,7 +26,7 @@ def fake_run(tmp_path, scenario="paper", script="change", **options) -> Run:
     (store / "script").write_text(script)
     (tables / "none.tbl").touch()
     options = {"fast": True, **options}
-    return Run(find(scenario), tmp_path / "out", store=store, tables=tables, fsw_bin=FAKE_FSW, **options)
+    return Run(find("paper"), tmp_path / "out", store=store, tables=tables, fsw_bin=FAKE_FSW, **options)
 
 
 def fly(tmp_path, scenario, **options) -> dict:

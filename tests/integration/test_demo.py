@@ -149,18 +149,18 @@ def test_covariance_of_the_proposal_fits_its_sigmas(demo):
     assert np.linalg.eigvalsh(found.correlation).min() > 0.0
 
 
-def test_log_and_review_read_what_the_run_left(demo, tmp_path):
+def test_log_and_review_read_what_the_run_left(demo):
     out, _ = demo
     log = here("log", out / "run.lcmlog")
     n = int(re.search(r"calibration 1: (\d+) poses", log)[1])
     assert 20 < n <= 20 + LOCAL + RESERVE
     assert "COR_ACTIVE" in log
-    assert "rank" in here("review", "show", out / "run.lcmlog", "--picture", tmp_path / "r.png")
-    assert (tmp_path / "r.png").is_file()
+    assert "rank" in here("review", "show", out / "run.lcmlog")
 
 
 def test_a_missed_criterion_fails_the_run(tmp_path):
-    """Given a limit that no arm can meet, the exit status is 1 and the criterion is named."""
+    """Given a verdict that a healthy arm cannot have, the exit status is 1 and the criterion is named; with
+    processes as without them, the arm is left alone."""
     text = (
         (ROOT / "sim/scenarios/healthy.toml")
         .read_text()
@@ -169,24 +169,17 @@ def test_a_missed_criterion_fails_the_run(tmp_path):
     scenario = tmp_path / "strict.toml"
     scenario.write_text(text)
     done = kincal(
-        "run", scenario, "--fast", "--poses", 7, "--no-compare", "--no-summary", "--out", tmp_path / "out"
+        *("run", scenario, "--fast", "--processes", "--poses", 7, "--no-compare", "--no-summary"),
+        *("--out", tmp_path / "out"),
     )
     assert done.returncode == 1, done.stdout
     assert re.search(r"MISSED +verdict", done.stdout)
     assert "FAILED" in done.stdout
-
-
-def test_healthy_arm_is_left_alone(tmp_path):
-    done = kincal(
-        *("run", "healthy", "--fast", "--processes", "--poses", 7, "--no-compare", "--no-summary"),
-        *("--out", tmp_path),
-    )
-    assert done.returncode == 0, done.stdout
-    assert json.loads((tmp_path / "launch.json").read_text())["url"].startswith("udpm:")
-    log = link.read_log(tmp_path / "run.lcmlog")
+    assert "no change needed" in done.stdout
+    assert json.loads((tmp_path / "out" / "launch.json").read_text())["url"].startswith("udpm:")
+    log = link.read_log(tmp_path / "out" / "run.lcmlog")
     nominal = codec.header((BIN / "kin.tbl").read_bytes()).crc
     assert log.hk.table_crc[review.KIN_KIND] & 0xFFFFFFFF == nominal
-    assert "no change needed" in done.stdout
 
 
 def test_tables_that_flight_refuses_end_the_run_with_a_message(tmp_path):
@@ -204,12 +197,13 @@ def test_tables_that_flight_refuses_end_the_run_with_a_message(tmp_path):
 
 @pytest.mark.slow
 def test_demo_through_pixels(tmp_path):
-    """Rendered images and the tag detector, half the poses."""
+    """Rendered images and the tag detector, a third of the poses: all criteria are met."""
     done = kincal(
-        "run", "paper", "--poses", 10, "--no-compare", "--accept", "ground", "--out", tmp_path, timeout=600
+        *("run", "paper", "--poses", 6, "--no-compare", "--no-summary", "--accept", "ground"),
+        *("--out", tmp_path),
+        timeout=600,
     )
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["mode"] == "pixels"
-    assert summary["after"]["pos_m"] <= 4e-3, done.stdout
-    assert summary["after"]["rot_rad"] <= 10e-3
+    assert done.returncode == 0, done.stdout
+    assert re.search(r"^ok +held-out position RMS", done.stdout, re.M)
+    assert json.loads((tmp_path / "launch.json").read_text())["mode"] == "pixels"
     assert link.read_log(tmp_path / "run.lcmlog").counts["KC_DETECTION"] > 30

@@ -120,7 +120,7 @@ def test_options_say_which_processes_are_started(tmp_path):
 
 
 def test_a_real_time_run_goes_by_the_wall_clock(tmp_path):
-    outcome = hil.run_one(fake_run(tmp_path, "healthy", "healthy", realtime=True))
+    outcome = hil.run_one(fake_run(tmp_path, realtime=True))
     assert failures(outcome) == {}, outcome
     t = [m.t_us for m in outcome.messages["KC_ARM_STATE"]]
     assert 0.09e6 < (t[-1] - t[0]) / (len(t) - 1) < 0.15e6

@@ -49,6 +49,22 @@ def aborted_by(run) -> int:
     return int(next(e.got for e in run.log.events if e.name == "CAL_ABORTED"))
 
 
+@pytest.mark.parametrize("scenario", ["healthy", "hidden_compliance"])
+def test_ticks_until_something_is_sent_are_ticks_one_after_the_other(scenario):
+    def sent(ticks, setup):
+        with Simulation(scenario, 3, setup) as simulation:
+            taken = [t for t in iter(lambda: ticks(simulation), None) if t.from_flight]
+            messages = [(t.number, t.now_us, t.state, c, m.encode()) for t in taken for c, m in t.from_flight]
+            run = simulation.result()
+        log = run.log
+        return messages, log.counts, log.n_messages, run.record, run.contacts, run.mission_s, run.store.slots
+
+    whole = Setup(limit_s=400.0)
+    one_by_one = sent(Simulation.step, whole)
+    assert one_by_one == sent(Simulation.until_sent, whole)
+    assert one_by_one[1]["KC_PROGRESS"] > POSES and one_by_one[1]["KC_SIM_TRUTH"] > 100
+
+
 def test_without_a_command_nothing_moves_and_the_limit_of_time_ends_the_run():
     run = simulate("paper", 1, Setup(commander=lambda send: Script(send, ()), limit_s=3.0))
     assert (run.ended, run.state, run.mission_s) == (False, STATE["IDLE"], 3.0)
@@ -152,7 +168,8 @@ def test_states_without_messages_are_those_with_messages():
 def test_states_without_messages_fill_the_same_bytes():
     world = World(load("encoder_bias"), 1, fast_imager)
     world.receive("KC_ARM_CMD", arm_command(world.controller.q_cmd + 0.3))
-    seen = set()
+    kept = wire.place(library("flight").new("kc_in_t"))
+    kept_states, seen = wire.States(kept), set()
     for tick in range(1, 60):
         world.advance(tick * 100_000)
         with_messages, without = (wire.place(library("flight").new("kc_in_t")) for _ in range(2))
@@ -163,6 +180,11 @@ def test_states_without_messages_fill_the_same_bytes():
         arm, pantilt = without.member("arm"), without.member("pantilt")
         whole = slice(arm.offset, pantilt.offset + library("flight").ffi.sizeof(pantilt.ctype))
         assert bytes(without.memory[whole]) == bytes(with_messages.memory[whole])
+        kept_states.fill(world)  # into what earlier ticks left
+        assert bytes(kept.memory) == bytes(without.memory)
+        if tick % 7 == 0:
+            kept_states.withdraw()
+            assert not any(bytes(kept.memory))
         seen.add((world.arm_moves, world.controller.fault_mask))
         if tick == 50:
             world.receive("KC_ARM_CMD", arm_command(np.full(7, 50.0), seq=2))

@@ -8,10 +8,11 @@ import pytest
 
 import kcm
 from kincal_sim import transforms
-from kincal_sim.mechanics.arm import Arm, UnknownName, load_spec, split_errors
+from kincal_sim.mechanics.arm import Arm
 from kincal_sim.mechanics.effects import JointCompliance
 from kincal_sim.mechanics.motion import ArmController, PanTiltController, TrajectoryGenerator
 from kincal_sim.mechanics.plant import Conditions, NoEquilibrium, Plant
+from kincal_sim.mechanics.spec import UnknownName, load_spec, split_errors
 from kincal_sim.scenario import ArmTruth, Scenario, load
 from kincal_sim.truth import build_plant, true_coefficients
 from kincal_sim.vision.imagers import BackgroundImager, Imager
@@ -78,6 +79,17 @@ def test_mujoco_bodies_follow_eq_2_with_any_dh_errors(rng):
             q = rng.uniform(arm.q_min, arm.q_max)
             arm.set(q)
             np.testing.assert_allclose(arm.T_base_tool, dh_product(arm.spec, q, delta), atol=1e-12)
+
+
+def test_tool_positions_of_many_postures_are_those_of_one_after_the_other(rng):
+    arm = Arm(
+        errors={"J2.alpha_rad": 0.4, "J5.d_m": 0.1, "base.rx_rad": 0.2, "tool.ty_m": 0.05}, payload_kg=0.3
+    )
+    q_rad = rng.uniform(arm.q_min, arm.q_max, (40, arm.n))
+    found = arm.tool_positions_m(q_rad)
+    for q, p_m in zip(q_rad, found, strict=True):
+        arm.set(q)
+        assert p_m == pytest.approx(arm.p_base_tool_m, abs=1e-13)
 
 
 def test_base_and_tool_errors_are_twists_in_the_stated_order(rng):

@@ -15,9 +15,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from kincal.run import dispersed
-from kincal.run.dispersed import Flown, Value
+from kincal.results import Flown, Value
 from kincal_shared.errors import BadInput
+
+from . import installed
 
 DIED = "died"
 TIMINGS = ("wall_s", "cpu_s")  # the columns that differ from one flight of a case to the next
@@ -44,7 +45,7 @@ def load(reference: str, beside: Path) -> Function:
 
 def software(reference: str, beside: Path) -> dict[str, str]:
     """Everything but the spec that the bits of a case depend on: with a function, its file too."""
-    found = dispersed.software()
+    found = installed.software()
     if not reference:
         return found
     load(reference, beside)

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.stats import qmc
 
+from kincal.results import Value
 from kincal.run import dispersed
-from kincal.run.dispersed import TABLES_KEY, Value
+from kincal.run.dispersed import TABLES_KEY
 from kincal.run.inprocess import TABLES
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.campaign import Campaign, Dispersion, expanded, read_campaign

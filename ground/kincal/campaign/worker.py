@@ -16,27 +16,34 @@ import json  # noqa: E402
 import signal  # noqa: E402
 import threading  # noqa: E402
 from contextlib import suppress  # noqa: E402
+from importlib import import_module  # noqa: E402
 from pathlib import Path  # noqa: E402
 from queue import SimpleQueue  # noqa: E402
 from typing import Any, BinaryIO  # noqa: E402
 
 from kincal.campaign import function  # noqa: E402
-from kincal.run import dispersed  # noqa: E402
+from kincal.results import Flown  # noqa: E402
 
 
 def fly(shared: dict[str, Any], case: dict[str, Any]) -> dict[str, Any]:
     """The answer to a case: what was flown, or the error that ended it."""
-    folder = Path(str(case["changes"].get(dispersed.TABLES_KEY, shared["tables"])))
-    log = Path(case["log"]) if case.get("log") else None
     try:
         if shared["function"]:
             flown = function.fly(shared["function"], Path(shared["beside"]), case["changes"], case["seed"])
         else:
-            flown = dispersed.fly(shared["scenario"], folder, case["changes"], case["seed"], log)
+            flown = _calibration(shared, case)
     except Exception as error:  # noqa: BLE001 whatever a case dies of is its outcome
         text = f"{type(error).__name__}: {error}".encode("utf-8", "backslashreplace").decode()
         return {"index": case["index"], "error": text}
     return {"index": case["index"], **vars(flown)}
+
+
+def _calibration(shared: dict[str, Any], case: dict[str, Any]) -> Flown:
+    from kincal.run import dispersed  # a second of imports, which no function waits for
+
+    folder = Path(str(case["changes"].get(dispersed.TABLES_KEY, shared["tables"])))
+    log = Path(case["log"]) if case.get("log") else None
+    return dispersed.fly(shared["scenario"], folder, case["changes"], case["seed"], log)
 
 
 def _receive(source: BinaryIO, lines: SimpleQueue[bytes]) -> None:
@@ -57,6 +64,9 @@ def main() -> None:
     lines = SimpleQueue[bytes]()
     threading.Thread(target=_receive, args=(os.fdopen(os.dup(0), "rb"), lines), daemon=True).start()
     shared = json.loads(lines.get())
+    if not shared["function"]:
+        os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn, so no window system is loaded
+        import_module("kincal.run.dispersed")  # what is loaded is what `software` finds, and is not collected
     here = function.software(shared["function"], Path(shared["beside"]))
     other = shared["software"] != here  # files changed since the command began
     gc.freeze()  # what is loaded stays: the collector need not walk it over and over

@@ -115,8 +115,11 @@ def _set_masses(arm: KcArm, joints: Sequence[JointLike]) -> None:
         row.com_m[0:3] = [float(x) for x in joint.com_m]
 
 
-def _set_frame(xyz_m: Array[float], quat_wxyz: Array[float], pose: Pose) -> None:
-    xyz_m[0:3], quat_wxyz[0:4] = pose.p_m.tolist(), pose.quat_wxyz.tolist()
+def _set_frame(xyz_m: Array[float], quat_wxyz: Array[float], pose: Pose | None) -> None:
+    if pose is None:
+        quat_wxyz[0] = 1.0
+    else:
+        xyz_m[0:3], quat_wxyz[0:4] = pose.p_m.tolist(), pose.quat_wxyz.tolist()
 
 
 class Arm:
@@ -139,8 +142,8 @@ class Arm:
         for row, joint in zip(out.joint[0 : len(arm.joints)], arm.joints, strict=True):
             _set_joint(row, joint)
         _set_masses(out, arm.joints)
-        _set_frame(out.base_xyz_m, out.base_quat_wxyz, base or Pose.identity())
-        _set_frame(out.tool_xyz_m, out.tool_quat_wxyz, tool or Pose.identity())
+        _set_frame(out.base_xyz_m, out.base_quat_wxyz, base)
+        _set_frame(out.tool_xyz_m, out.tool_quat_wxyz, tool)
         out.gravity_m_s2[0:3] = [float(x) for x in arm.gravity_m_s2]
         return cls(out)
 

@@ -29,6 +29,7 @@ from kincal_shared.errors import KincalError
 
 if TYPE_CHECKING:
     from cffi import FFI
+    from typing_extensions import Buffer
 
     from .headers import CData, FlightCore, GroundCore, New
 
@@ -183,7 +184,8 @@ class _Library:
             return self.ffi.NULL
         if not array.flags.c_contiguous:
             raise ValueError("the array is not contiguous")
-        return self.ffi.cast(f"{ctype} *", self.ffi.from_buffer(array.data))
+        # not by its memoryview, which numpy would describe: of structs that takes as long as a computation
+        return self.ffi.from_buffer(f"{ctype} *", cast("Buffer", array))
 
     def array(self, field: object, *shape: int) -> Floats:
         """View without a copy on an array field of doubles, or on its start in the given shape."""

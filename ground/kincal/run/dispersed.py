@@ -7,29 +7,23 @@ differs from what was asked for is an error, not a case."""
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
-import platform
 import shutil
 import tempfile
 import time
-import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from kincal import tables as table_sources
 from kincal.flight import library, tables
-from kincal.flight.builds import library_file
 from kincal.link import Session, names, unsigned32
+from kincal.results import Flown, Value
 from kincal.review import KIN_KIND
-from kincal_shared import installation
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.campaign import split_key
 from kincal_shared.schema.errors import validate
@@ -37,29 +31,15 @@ from kincal_shared.schema.scenario import Scenario
 from kincal_sim import scenario as scenarios  # noqa: E402  after inprocess, which says what is missing
 from kincal_sim.mechanics.effects import Hysteresis, JointCompliance  # noqa: E402
 from kincal_sim.truth import truth_record  # noqa: E402
-from kincal_sim.vision import pnp  # noqa: E402
 from kincal_sim.vision.imagers import fast_imager  # noqa: E402
 from kincal_sim.world import World  # noqa: E402
 
 from .evaluate import Evaluator, GroundTruth
 from .inprocess import Setup, SimulatedRun, Simulation
 
-Value: TypeAlias = "float | str | bool"
 COMPARED = frozenset(("KC_ARM_CMD", "KC_PANTILT_CMD", "KC_MEAS", "KC_PROGRESS", "KC_PROPOSAL", "KC_EVENT"))
 SAME = 1e-6  # relative; CONFIG has fields of single precision
 TABLES_KEY = "tables"
-
-
-@dataclass(frozen=True)
-class Flown:
-    """A case that was flown. dispersed: values of the built world by key; outcome: columns of
-    kincal_shared.schema.campaign.OUTCOME; digest: SHA-256 of all commands, measurements, estimates,
-    events and proposals of flight; cpu_s: processor time [s]."""
-
-    dispersed: dict[str, Value]
-    outcome: dict[str, Value | None]
-    digest: str
-    cpu_s: float
 
 
 # ---- before
@@ -146,9 +126,9 @@ def fly(
         world, digest = simulation.world, hashlib.sha256()
         evaluator = _evaluator(used)
         evaluator.learn(GroundTruth.of(truth_record(simulation.scenario, world.plant, seed, "fast")))
-        found = {key: read_back(key, world, used, folder) for key in changes}
+        found = read_back(changes, world, used, folder)
         check(changes, found)
-        while (tick := simulation.step()) is not None:
+        while (tick := simulation.until_sent()) is not None:
             for channel, message in tick.from_flight:
                 if channel in COMPARED:
                     digest.update(channel.encode() + message.encode())
@@ -226,8 +206,16 @@ def check(asked: Mapping[str, Value], found: Mapping[str, Value]) -> None:
             raise ArithmeticError(f"the world has {key} = {got!r}, asked for was {want!r}")
 
 
-def read_back(key: str, world: World, used: Path, folder: Path) -> Value:
-    """A value of the built world, or of the tables that flight gets."""
+def read_back(keys: Iterable[str], world: World, used: Path, folder: Path) -> dict[str, Value]:
+    """Values of the built world, or of the tables that flight gets, by key."""
+    errors = cache(lambda of: geometry_errors(world, of))
+    return {key: _read_back(key, world, used, folder, errors) for key in keys}
+
+
+def _read_back(
+    key: str, world: World, used: Path, folder: Path, errors: Callable[[str], dict[str, float]]
+) -> Value:
+    """errors: geometry_errors() of a joint, "base" or "tool"."""
     path = split_key(key)
     match path:
         case ["tables"]:
@@ -235,7 +223,7 @@ def read_back(key: str, world: World, used: Path, folder: Path) -> Value:
         case ["config", *field]:
             return _config_value(used, field)
         case ["arm", "errors", name]:
-            return geometry_errors(world, name.partition(".")[0])[name]
+            return errors(name.partition(".")[0])[name]
         case ["arm", "encoder_bias_rad", joint]:
             return float(world.plant.encoders.bias_rad[_index(joint)])
         case ["arm", "encoder_gain", joint]:
@@ -329,35 +317,6 @@ def crcs(folder: Path) -> dict[str, str]:
 
 
 @cache
-def software() -> dict[str, str]:
-    """Everything but the spec that the bits of a case depend on: version and contents of kincal, flight core,
-    simulator with its models, the libraries that compute in it."""
-    of_kincal = Path(__file__).parents[1]
-    of_simulator = Path(scenarios.__file__).parent
-    models = installation.root() / "sim" / "models"
-    of_schema = Path(installation.__file__).parent
-    return {
-        "kincal": import_module("kincal").__version__,  # no import that layers would see: it is above
-        "flight": f"{zlib.crc32(library_file('flight').read_bytes()):08x}",
-        "ground": f"{zlib.crc32(library_file('ground').read_bytes()):08x}",
-        "code": _hash(*(of_kincal / name for name in ("run", "flight", "campaign")), of_schema),
-        "simulator": _hash(of_simulator, models),
-        "simulator library": f"{zlib.crc32(installation.built(pnp.LIBRARY).read_bytes()):08x}",
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        **{name: importlib.metadata.version(name) for name in ("mujoco", "numpy", "scipy")},
-    }
-
-
-def _hash(*folders: Path) -> str:
-    made = hashlib.sha256()
-    for folder in folders:
-        for file in sorted(folder.rglob("*")):
-            if file.suffix in (".py", ".toml", ".yml", ".csv"):
-                made.update(file.relative_to(folder).as_posix().encode() + b"\0" + file.read_bytes())
-    return made.hexdigest()[:16]
-
-
 def tables_of(folder: Path) -> Path:
     """A folder with table images that flight can use, as an absolute path. BadInput if it is none."""
     if not folder.is_dir():

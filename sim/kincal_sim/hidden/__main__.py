@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..mechanics.arm import load_spec
+from ..mechanics.spec import load_spec
 from . import case, files, kinds
 from .seal import BrokenSeal, unseal
 from .spec import CaseSpec

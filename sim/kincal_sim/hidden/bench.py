@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mechanics.arm import Arm, load_spec
+from ..mechanics.arm import Arm
 from ..mechanics.effects import JointFunction
 from ..mechanics.plant import Conditions, Effect, Plant
+from ..mechanics.spec import load_spec
 from ..transforms import quaternion, trans
 from . import campaign, kinds, optics
 from .spec import CaseSpec

@@ -65,13 +65,9 @@ class Comparison:
     data: all poses; held_data: the held-out ones, None if there are none; skipped: malformed rows left out;
     rms: "nominal", "fit" and "held" errors; chi2_per_dof: of all poses, in units of the stated noise;
     p_lack_of_fit: of the size of the leftover, None where nothing says how large the noise is;
-    p_structure: that it follows some recorded variable somewhere, over all variables; alike: what near poses
-    have in common of it, None where they are too few; turned: of the measured
-    orientations against the positions; p_unseen:
-    that poses which the file keeps back are predicted as well as noise allows, None if it keeps none;
-    adequate: all are likely enough, nothing is turned, and outliers are few and in no cluster;
     still_joints: joints (from 1) that the poses do not move; fit_all: fitted to every pose (to the fit
     poses if the file keeps some back); fit_part: fitted to the fit poses; black_box: gives `reachable`.
+    What tests of the leftover say is computed when it is asked for.
     """
 
     arm: str
@@ -86,18 +82,56 @@ class Comparison:
     rms: dict[str, PosRot]
     chi2_per_dof: float
     p_lack_of_fit: float | None
-    p_structure: float
-    alike: Alike | None
-    turned: TurnedFrame | None
-    p_unseen: float | None
-    adequate: bool
-    worst_poses: tuple[WorstPose, ...]
-    where: tuple[Where, ...]
-    outliers: Outliers
     still_joints: tuple[int, ...]
     fit_all: Fit
     fit_part: Fit
     black_box: Callable[[], Reachable | None] = field(repr=False)
+
+    @cached_property
+    def where(self) -> tuple[Where, ...]:
+        """Where the leftover follows which recorded variable, best first."""
+        return where_it_fails(self.fit_all)
+
+    @property
+    def p_structure(self) -> float:
+        """p-value that the leftover follows some recorded variable somewhere, over all variables."""
+        return structure(self.where)
+
+    @cached_property
+    def alike(self) -> Alike | None:
+        """What near poses have in common of the leftover, None where they are too few."""
+        return near_poses_alike(self.fit_all)
+
+    @cached_property
+    def turned(self) -> TurnedFrame | None:
+        """Of the measured orientations against the positions."""
+        return turned_frame(self.fit_all)
+
+    @property
+    def kept_back(self) -> Measurements | None:
+        """Poses that the file keeps back, None if it keeps none."""
+        return self.held_data if self.split.given else None
+
+    @cached_property
+    def outliers(self) -> Outliers:
+        """Poses that noise does not explain."""
+        return find_outliers(self.fit_all, self.kept_back)
+
+    @cached_property
+    def worst_poses(self) -> tuple[WorstPose, ...]:
+        """The poses farthest from the model, worst first."""
+        return worst_poses(self.fit_all)
+
+    @cached_property
+    def p_unseen(self) -> float | None:
+        """p-value that poses which the file keeps back are predicted as well as noise allows."""
+        return None if self.kept_back is None else unseen_p(self.fit_all, self.kept_back, self.outliers)
+
+    @cached_property
+    def adequate(self) -> bool:
+        """All of these are likely enough, nothing is turned, and outliers are few and in no cluster."""
+        small = explained(self.p_lack_of_fit, self.p_structure, self.alike, self.p_unseen)
+        return small and self.outliers.may_be_chance and self.turned is None
 
     @property
     def structured(self) -> bool:
@@ -195,11 +229,7 @@ def compare(
     # the whole model is tested on every pose unless the file keeps some back
     fit_all = fit_part if split.given else fit_model(arm, data, hypotheses, dh=dh, frames=frames)
     held = data.take(split.held) if len(split.held) else None
-    floor, where = noise_floor(fit_all), where_it_fails(fit_all)
-    p_lack, p_structure = lack_of_fit(fit_all, floor), structure(where)
-    kept_back, turned = held if split.given else None, turned_frame(fit_all)
-    outliers, alike = find_outliers(fit_all, kept_back), near_poses_alike(fit_all)
-    p_unseen = None if kept_back is None else unseen_p(fit_all, kept_back, outliers)
+    floor = noise_floor(fit_all)
     return Comparison(
         arm=arm.name,
         source=data.source,
@@ -216,17 +246,7 @@ def compare(
             "held": rms(fit_part.predict(held)) if held is not None else (float("nan"), None),
         },
         chi2_per_dof=fit_all.scale**2,
-        p_lack_of_fit=p_lack,
-        p_structure=p_structure,
-        alike=alike,
-        turned=turned,
-        p_unseen=p_unseen,
-        adequate=explained(p_lack, p_structure, alike, p_unseen)
-        and outliers.may_be_chance
-        and turned is None,
-        worst_poses=worst_poses(fit_all),
-        where=where,
-        outliers=outliers,
+        p_lack_of_fit=lack_of_fit(fit_all, floor),
         still_joints=still_joints(data),
         fit_all=fit_all,
         fit_part=fit_part,

@@ -280,7 +280,7 @@ def _left_by(final: Fit, c: Comparison) -> Left:
     """What the final model leaves: known where nothing was added."""
     if final is c.fit_all:
         return Left(final, c.p_lack_of_fit, c.where, c.alike, c.p_unseen)
-    held = c.held_data if c.split.given else None
+    held = c.kept_back
     p_unseen = None if held is None else unseen_p(final, held, find_outliers(final, held))
     p_lack = lack_of_fit(final, noise_floor(final))
     return Left(final, p_lack, where_it_fails(final), near_poses_alike(final), p_unseen)
@@ -288,7 +288,7 @@ def _left_by(final: Fit, c: Comparison) -> Left:
 
 def _outliers(final: Fit, c: Comparison) -> Outliers:
     """Those of the final model; of its own poses, and of poses that the file keeps back."""
-    return c.outliers if final is c.fit_all else find_outliers(final, c.held_data if c.split.given else None)
+    return c.outliers if final is c.fit_all else find_outliers(final, c.kept_back)
 
 
 def _verdict(

@@ -5,6 +5,7 @@ Every function takes a `Study` and a frozen `State` (or a model) and returns a n
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -21,6 +22,7 @@ from .study import Model, Study
 
 MAX_EFFECTS = 12  # bounds the work; before it, the poses limit the coefficients (Study.room)
 _SETTLE_MAX = 4
+_SEVERAL = 3  # joints with a coefficient each
 _HELP_TRIES = 4  # effects tried at each step for what they predict
 
 
@@ -56,7 +58,7 @@ def extended(study: Study, state: State) -> State | None:
         return None
     found = settle(study, state, best)
     if found.effect is not None:
-        return _taken(replace(state, grids=found.grids), found.effect)
+        return with_settled(study, replace(state, grids=found.grids), found.effect)
     with_two = pair(study, replace(state, grids=found.grids), best)
     if with_two.model != state.model:
         return with_two
@@ -77,6 +79,23 @@ def helped(study: Study, state: State) -> State | None:
 def _taken(state: State, h: Hypothesis) -> State:
     """The model with an effect added; at all joints: instead of at one."""
     return replace(state, model=(*(x for x in state.model if x.effect != h.name), h))
+
+
+def with_settled(study: Study, state: State, h: Hypothesis) -> State:
+    """The model with an effect that wins. Several joints that settle: what all have alike and one joint in
+    their place where that explains more with fewer coefficients: a lagging sensor is no error of joints."""
+    if len(h.parameters) < _SEVERAL or not h.of_last_move:
+        return _taken(state, h)
+    posterior = study.posterior(state.model)
+    lone = [s.best for s in posterior.scored if s.best.of_last_move and len(s.best.parameters) == 1]
+    of_all = [x for x in lone if len(x.parameters[0].terms) > 1]
+    pairs = [(x, one) for x in of_all for one in lone if len(one.parameters[0].terms) == 1]
+    both = [replace(x, parameters=x.parameters + one.parameters) for x, one in pairs]
+    [instead_of, *ln_bf] = (ln for _, ln in posterior.scorer.hypotheses([h, *both]))
+    best = max(range(len(pairs)), key=lambda k: ln_bf[k], default=None)
+    if best is None or ln_bf[best] < instead_of + math.log(ACCEPT_ODDS):
+        return _taken(state, h)
+    return reduce(_taken, pairs[best], state)
 
 
 def settle(study: Study, state: State, h: Hypothesis) -> Settled:

@@ -329,5 +329,6 @@ def _least_likely(w: Where) -> tuple[float, float]:
 
 
 def _best_place(found: list[Where]) -> Where:
-    best = min(found, key=_least_likely)
+    """The first of those that differ by rounding alone: some places have the same motion."""
+    best = min(found, key=lambda w: (float(f"{w.p_value:.6g}"), -round(w.share_of_variance, 6)))
     return replace(best, p_value=min(1.0, best.p_value * len(found)))

@@ -6,14 +6,14 @@ tool) scaled by their prior sigma, G columns of a hypothesis scaled by theirs. N
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..numerics.distributions import chi2_tail
-from ..numerics.types import Array, Mask, array
+from ..numerics.types import Array, Indices, array
 
 # Sizes of an effect in units of its typical size, and their weights. The large ones are rare, but
 # without them a gross effect would be beyond what its own prior allows, and any looser shape would win.
@@ -151,58 +151,88 @@ class Score:
     """Score of one hypothesis of m parameters, rotated to independent components.
 
     u: (m,) scores; v: (m,) their variances; absorbed: share of the effect that the nuisance parameters
-    can imitate.
+    can imitate; rank: parameters of the effect that the data say anything about; chi2: U' V^+ U, chi^2 with
+    `rank` degrees of freedom if there is no effect.
     """
 
     u: Array
     v: Array
     absorbed: float
+    chi2: float
+    rank: int
 
-    @property
-    def _good(self) -> Mask:
-        good: Mask = self.v > _RANK_TOLERANCE * max(self.v.max(initial=0.0), _SMALLEST)
-        return good
 
-    @property
-    def chi2(self) -> float:
-        """U' V^+ U, chi^2 with `rank` degrees of freedom if there is no effect."""
-        good = self._good
-        return float((self.u[good] ** 2 / self.v[good]).sum())
+@dataclass(frozen=True)
+class Scores:
+    """Those of k hypotheses of m parameters each: u, v (k, m), absorbed, chi2, rank (k,)."""
 
-    @property
-    def rank(self) -> int:
-        """Parameters of the effect that the data say anything about."""
-        return int(self._good.sum())
+    u: Array
+    v: Array
+    absorbed: Array
+    chi2: Array
+    rank: Indices
+
+    def each(self) -> Iterator[Score]:
+        """One by one."""
+        numbers = (x.tolist() for x in (self.absorbed, self.chi2, self.rank))
+        return map(Score, self.u, self.v, *numbers)
 
 
 @dataclass(frozen=True)
 class Moments:
-    """What a score needs of a block of columns G: own (m, m) G'G, and cross (m, d) G'C for some columns C."""
+    """What scores need of k blocks of columns G: places (k,) of them in a list, own (k, m, m) G'G, and cross
+    (k, m, d) G'C for some columns C."""
 
+    places: Sequence[int]
     own: Array
     cross: Array
 
 
-def block_moments(blocks: Sequence[Array], columns: Array) -> list[Moments]:
-    """Moments of blocks (rows, m) with columns (rows, d)."""
-    out: dict[int, Moments] = {}
-    for some in together([block.shape[1] for block in blocks]):
-        g = np.stack([blocks[k].T for k in some])
-        cross = (g.reshape(-1, g.shape[2]) @ columns).reshape(*g.shape[:2], -1)
-        out |= dict(zip(some, map(Moments, g @ g.transpose(0, 2, 1), cross), strict=True))
-    return [out[k] for k in range(len(blocks))]
+def block_moments(blocks: Sequence[Array], columns: Array) -> Iterator[Moments]:
+    """Moments of blocks (rows, m) with columns (rows, d), those of one width together."""
+    same: dict[int, list[int]] = {}
+    for k, block in enumerate(blocks):
+        same.setdefault(block.shape[1], []).append(k)
+    for places in same.values():
+        for some in (places[k : k + _TOGETHER] for k in range(0, len(places), _TOGETHER)):
+            g = np.stack([blocks[k].T for k in some])
+            cross = (g.reshape(-1, g.shape[2]) @ columns).reshape(*g.shape[:2], -1)
+            yield Moments(some, g @ g.transpose(0, 2, 1), cross)
 
 
-def scores(own: Array, gram: Array, u: Array) -> list[Score]:
+def together(moments: Iterable[Moments]) -> Iterator[Moments]:
+    """The same in fewer parts, each of one width and small enough for the cache, or as it came."""
+    same: dict[int, list[Moments]] = {}
+    for one in moments:
+        width = one.own.shape[1]
+        waiting = same.setdefault(width, [])
+        if sum(len(x.places) for x in waiting) + len(one.places) > _TOGETHER and waiting:
+            yield _joined(same.pop(width))
+            waiting = same.setdefault(width, [])
+        waiting.append(one)
+    yield from map(_joined, same.values())
+
+
+def _joined(some: Sequence[Moments]) -> Moments:
+    if len(some) == 1:
+        return some[0]
+    places = [k for one in some for k in one.places]
+    return Moments(places, *(np.concatenate([getattr(x, name) for x in some]) for name in ("own", "cross")))
+
+
+def scores(own: Array, gram: Array, u: Array) -> Scores:
     """Scores of k blocks of one width: G'G, G'WG (k, m, m) and u = G'W z0 (k, m), G scaled by prior sigma."""
     v, e = np.linalg.eigh(gram)
     raw = np.trace(own, axis1=1, axis2=2)
     left = v.sum(axis=1)
     v = np.maximum(v, 0.0)
-    v = np.where(v > 1e-12 * np.maximum(v.max(axis=1, initial=0.0, keepdims=True), _SMALLEST), v, 0.0)
+    largest = np.maximum(v.max(axis=1, initial=0.0, keepdims=True), _SMALLEST)
+    v = np.where(v > 1e-12 * largest, v, 0.0)
     rotated = (e.transpose(0, 2, 1) @ u[:, :, None])[:, :, 0]
     absorbed = 1.0 - np.where(raw > 0, left / np.where(raw > 0, raw, 1.0), 0.0)
-    return [Score(rotated[k], v[k], float(absorbed[k])) for k in range(len(gram))]
+    good = v > _RANK_TOLERANCE * largest
+    chi2 = np.where(good, rotated**2 / np.where(good, v, 1.0), 0.0).sum(axis=1)
+    return Scores(rotated, v, absorbed, chi2, good.sum(axis=1))
 
 
 def flat_p(chi2: float, rank: int) -> float:
@@ -217,12 +247,3 @@ def softmax(ln_bf: Mapping[str, float], prior: Mapping[str, float]) -> dict[str,
     p = np.exp(ln_p - ln_p.max())
     p /= p.sum()
     return dict(zip(names, (float(x) for x in p), strict=True))
-
-
-def together(widths: Sequence[int]) -> Iterator[list[int]]:
-    """Positions of blocks that are scored together: of one width, few enough for the cache."""
-    same: dict[int, list[int]] = {}
-    for k, width in enumerate(widths):
-        same.setdefault(width, []).append(k)
-    for places in same.values():
-        yield from (places[k : k + _TOGETHER] for k in range(0, len(places), _TOGETHER))

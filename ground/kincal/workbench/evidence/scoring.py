@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Generic, TypeVar
 
@@ -170,17 +170,15 @@ class Scorer:
         """(rows, k + 1) what the moments of blocks are taken with: the projector's basis, and W z0."""
         return np.column_stack([self.projector.basis, self.wz])
 
-    def _scores(self, moments: Sequence[Moments]) -> list[tuple[Score, float]]:
-        """Score and ln Bayes factor of blocks, from their moments with `_known`."""
+    def _scores(self, moments: Iterable[Moments]) -> list[tuple[Score, float]]:
+        """Score and ln Bayes factor of blocks in their places, from their moments with `_known`."""
         out: dict[int, tuple[Score, float]] = {}
-        for some in together([len(one.own) for one in moments]):
-            own, cross = (np.stack([getattr(moments[k], name) for k in some]) for name in ("own", "cross"))
-            found = scores(own, self.projector.gram(own, cross[:, :, :-1]), cross[:, :, -1])
-            ln_bf = ln_bayes_factor(
-                np.stack([s.u for s in found]), np.stack([s.v for s in found]), self.noise
-            )
-            out |= dict(zip(some, zip(found, map(float, ln_bf), strict=True), strict=True))
-        return [out[k] for k in range(len(moments))]
+        for some in together(moments):
+            gram = self.projector.gram(some.own, some.cross[:, :, :-1])
+            found = scores(some.own, gram, some.cross[:, :, -1])
+            ln_bf = ln_bayes_factor(found.u, found.v, self.noise)
+            out |= zip(some.places, zip(found.each(), ln_bf.tolist(), strict=True), strict=True)
+        return [out[k] for k in range(len(out))]
 
     def hypotheses(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Score, float]]:
         """Score and ln Bayes factor of each hypothesis."""
@@ -277,28 +275,29 @@ def _squares(
     twice, z = scorer.projector.squared, np.hstack([scorer.null, scorer.wz[:, None] / scorer.scale])
     moments = _moments(scored, np.hstack([twice.basis, scorer.projector.apply(z)]))
     found: dict[int, tuple[list[str], list[Array]]] = {}
-    for some in together([len(one.own) for one in moments]):
-        own, cross = (np.stack([getattr(moments[k], name) for k in some]) for name in ("own", "cross"))
-        seen, u = np.split(cross, [twice.basis.shape[1]], axis=2)
-        gram = twice.gram(own, seen)
-        whole, left = (np.trace(x, axis1=1, axis2=2) for x in (own, gram))
+    for some in together(moments):
+        seen, u = np.split(some.cross, [twice.basis.shape[1]], axis=2)
+        gram = twice.gram(some.own, seen)
+        whole, left = (np.trace(x, axis1=1, axis2=2) for x in (some.own, gram))
         for k in np.flatnonzero(left < _CANCELS * whole):
-            columns = scored[some[k]].columns
+            columns = scored[some.places[k]].columns
             gram[k], u[k] = columns.T @ columns, columns.T @ z
-        for k, rank, row in zip(some, *_tested(gram, u), strict=True):
+        for k, rank, row in zip(some.places, *_tested(gram, u), strict=True):
             names, rows = found.setdefault(int(rank), ([], []))
             names.append(scored[k].name)
             rows.append(row)
     return {rank: (names, np.array(rows)) for rank, (names, rows) in found.items()}
 
 
-def _moments(scored: Sequence[Scored[Hypothesis] | Scored[Cell]], columns: Array) -> list[Moments]:
+def _moments(scored: Sequence[Scored[Hypothesis] | Scored[Cell]], columns: Array) -> Iterator[Moments]:
     """Moments with columns (rows, d)."""
-    made = [s.best for s in scored if isinstance(s.best, Cell)]
-    of_cells = iter(cell_moments(made, columns))
-    others = [s.block for s in scored if not isinstance(s.best, Cell)]
-    of_others = iter(block_moments(others, columns))
-    return [next(of_cells if isinstance(s.best, Cell) else of_others) for s in scored]
+    made = {k: s.best for k, s in enumerate(scored) if isinstance(s.best, Cell)}
+    others = {k: s.block for k, s in enumerate(scored) if k not in made}
+    for kind, found in (
+        (list(made), cell_moments(list(made.values()), columns)),
+        (list(others), block_moments(list(others.values()), columns)),
+    ):
+        yield from (replace(one, places=[kind[k] for k in one.places]) for one in found)
 
 
 def _tested(gram: Array, u: Array) -> tuple[Array, Array]:

@@ -132,28 +132,26 @@ def _cell(location: Location, driver: Driver) -> Cell:
     return Cell(location.name, tuple(driver.name.split(" x ")), location.rows, driver.features)
 
 
-def cell_moments(made: Sequence[Cell], columns: Array) -> list[Moments]:
+def cell_moments(made: Sequence[Cell], columns: Array) -> Iterator[Moments]:
     """Moments of cells with columns (rows, d), without making theirs: all functions at a location see the
     columns through its rows."""
     together: dict[tuple[int, int], list[int]] = {}
     for k, cell in enumerate(made):
         together.setdefault((id(cell.rows), cell.features.shape[1]), []).append(k)
-    out: dict[int, Moments] = {}
     for places in together.values():
-        some = _moments_at(made[places[0]].rows, np.stack([made[k].features.T for k in places]), columns)
-        out |= dict(zip(places, some, strict=True))
-    return [out[k] for k in range(len(made))]
+        features = np.stack([made[k].features.T for k in places])
+        yield Moments(places, *_moments_at(made[places[0]].rows, features, columns))
 
 
-def _moments_at(rows: Array, features: Array, columns: Array) -> Iterator[Moments]:
-    """Of cells at one location, rows (N, m, c), with features (D, k, N)."""
+def _moments_at(rows: Array, features: Array, columns: Array) -> tuple[Array, Array]:
+    """(D, m k, m k) and (D, m k, d) of cells at one location, rows (N, m, c), with features (D, k, N)."""
     (n, m, c), (count, k, _) = rows.shape, features.shape
     seen = (rows @ columns.reshape(n, c, -1)).reshape(n, -1)
     cross = (features.reshape(-1, n) @ seen).reshape(count, k, m, -1).transpose(0, 2, 1, 3)
     pairs = (rows @ rows.transpose(0, 2, 1)).reshape(n, m * m).T
     own = (features[:, None] * pairs[:, None, :]) @ features.transpose(0, 2, 1)[:, None]
     own = own.reshape(count, m, m, k, k).transpose(0, 1, 3, 2, 4)
-    return map(Moments, own.reshape(count, m * k, m * k), cross.reshape(count, m * k, -1))
+    return own.reshape(count, m * k, m * k), cross.reshape(count, m * k, -1)
 
 
 # ----------------------------------------------------------------------------------------- locations

@@ -27,6 +27,7 @@ EDGE = 0.02  # of half the image: over that, points at the border lose their wei
 LEAST_SEEN = 4.0  # points; where fewer are in the image, all those in front of the camera count
 _AT_ONCE = 400  # poses: bounds memory
 CORNERS = 4  # of a tag
+_REGULAR = 1e-5  # least over largest pivot of a Cholesky factor
 Shift = tuple[Any, Any]
 # Brown's lens model (Photogrammetric Engineering 37(8), 1971) with the coefficients' usual names, focal
 # lengths by their share, and the principal point in focal lengths. Only sums and products: the export calls
@@ -111,43 +112,50 @@ class PnpColumns:
 
     def _view(self, sight: Sight, expected: Pose, some: slice) -> _View:
         """Points in the camera frame, and how they move there with the measured pose."""
+        points = sight.points_m.T
         if self.camera is None:
-            seen = (sight.points_m - expected.p_m[:, None]) @ expected.R
-            moves = np.concatenate([-np.broadcast_to(np.eye(3), (*seen.shape, 3)), _cross(seen)], axis=3)
-            return _View(sight, seen, moves, expected.R.transpose(0, 2, 1))
+            turn = expected.R.transpose(0, 2, 1)
+            seen = turn @ points - turn @ expected.p_m[:, :, None]
+            return _View(sight, seen, -np.eye(3)[None, :, :, None], -_about_axes(seen), turn)
         camera = Pose(self.camera.p_m[some], self.camera.R[some])
         target = camera.inverse @ expected
-        seen = target.p_m[:, None] + sight.points_m @ target.R.transpose(0, 2, 1)
-        body = np.concatenate(
-            [np.broadcast_to(np.eye(3), (*sight.points_m.shape, 3)), -_cross(sight.points_m)], axis=2
-        )
-        return _View(sight, seen, np.einsum("nij,mjk->nmik", target.R, body), target.R)
+        turns = target.R @ _about_axes(points).transpose(1, 0, 2).reshape(3, -1)
+        turns = turns.reshape(-1, 3, *points.shape).transpose(0, 2, 1, 3)
+        shifts = target.R.transpose(0, 2, 1)[..., None]
+        seen = target.p_m[:, :, None] + target.R @ points
+        return _View(sight, seen, shifts, turns, target.R)
 
 
 @dataclass(frozen=True)
 class _View:
-    """n poses of m points: seen (n, m, 3) in the camera frame [m]; moves (n, m, 3, 6) by the twist of the
-    measured pose; turn (n, 3, 3) from the target's to the camera frame."""
+    """n poses of m points: seen (n, 3, m) in the camera frame [m]; how they move there when the measured pose
+    does: shifts (n, 3, 3, 1) along each axis, turns (n, 3, 3, m) about each; turn (n, 3, 3) from the target's
+    to the camera frame.
+
+    Points are last: sums over them run along memory."""
 
     sight: Sight
     seen: Array
-    moves: Array
+    shifts: Array
+    turns: Array
     turn: Array
 
     def twists(self, faults: Sequence[str]) -> Array:
         """(n, 6, k) least-squares twists of the faults."""
-        depth = np.where(self.seen[..., 2] > 0.0, self.seen[..., 2], 1.0)
-        u, v = self.seen[..., 0] / depth, self.seen[..., 1] / depth
-        shift = np.empty((*u.shape, 2, len(faults)))
-        for k, fault in enumerate(faults):
-            shift[..., 0, k], shift[..., 1, k] = self._shift(fault, u, v, depth)
-        weight = (np.sqrt(self._weight(u, v))[..., None] * self.sight.focal)[..., None]
-        n = len(u)
-        a = (weight * _image(u, v, depth, self.moves)).reshape(n, -1, 6)
-        shift *= weight
-        d = shift.reshape(n, -1, len(faults))
-        at = a.transpose(0, 2, 1)
-        return array(np.linalg.pinv(at @ a, hermitian=True) @ (at @ d))
+        x, y, z = self.seen.transpose(1, 0, 2)
+        depth = np.where(z > 0.0, z, 1.0)
+        u, v = x / depth, y / depth
+        (n, m), k = u.shape, len(faults)
+        weight = np.sqrt(self._weight(u, v))[:, None] * self.sight.focal[:, None]
+        a, d = np.empty((n, 6, 2, m)), np.empty((n, k, 2, m))
+        a[:, :3] = _image(u, v, depth, self.shifts)
+        a[:, 3:] = _image(u, v, depth, self.turns)
+        for i, fault in enumerate(faults):
+            d[:, i, 0], d[:, i, 1] = self._shift(fault, u, v, depth)
+        a *= weight[:, None]
+        d *= weight[:, None]
+        a, d = a.reshape(n, 6, -1), d.reshape(n, k, -1)
+        return _least_squares(a @ a.transpose(0, 2, 1), a @ d.transpose(0, 2, 1))
 
     def _weight(self, u: Array, v: Array) -> Array:
         """(n, m) 1 for points in the image, 0 outside, falling over a narrow edge."""
@@ -156,7 +164,7 @@ class _View:
         inside = [
             np.clip(np.minimum(x - low[k], high[k] - x) / edge[k], 0.0, 1.0) for k, x in enumerate((u, v))
         ]
-        front = self.seen[..., 2] > 0.0
+        front = self.seen[:, 2] > 0.0
         weight = np.where(front, inside[0] * inside[1], 0.0)
         few = weight.sum(axis=1) < LEAST_SEEN
         return np.where(few[:, None], front, weight)
@@ -168,27 +176,38 @@ class _View:
         if fault == "target_edges":
             outward = _edges_outward(u, v, self.sight)
             return outward[..., 0], outward[..., 1]
-        moved = _moved(self.sight.points_m.tobytes(), fault) @ self.turn.transpose(0, 2, 1)
-        image = _image(u, v, depth, moved[..., None])
-        return image[..., 0, 0], image[..., 1, 0]
+        moved = self.turn @ _moved(self.sight.points_m.tobytes(), fault).T
+        image = _image(u, v, depth, moved[:, None])
+        return image[:, 0, 0], image[:, 0, 1]
 
 
 def _image(u: Array, v: Array, depth: Array, moves: Array) -> Array:
-    """(n, m, 2, k) how normalised image points move with points that move by `moves` (n, m, 3, k) in the
+    """(n, k, 2, m) how normalised image points move with points that move by `moves` (n, k, 3, m or 1) in the
     camera frame."""
-    away, per = moves[..., 2, :], 1.0 / depth[..., None]
-    return np.stack(
-        [(moves[..., 0, :] - u[..., None] * away) * per, (moves[..., 1, :] - v[..., None] * away) * per],
-        axis=2,
-    )
+    image = np.stack([u, v], axis=1)[:, None] * moves[:, :, 2:]
+    np.subtract(moves[:, :, :2], image, out=image)
+    image /= depth[:, None, None]
+    return array(image)
 
 
-def _cross(x: Array) -> Array:
-    """(..., 3, 3) matrices [x]: [x] y = x cross y."""
-    out = np.zeros((*x.shape, 3))
+def _about_axes(x: Array) -> Array:
+    """(..., 3, 3, m) how points x (..., 3, m) move by a turn about each axis: axis cross x."""
+    out = np.zeros((*x.shape[:-2], 3, *x.shape[-2:]))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[..., i, j], out[..., j, i] = -x[..., k], x[..., k]
+        out[..., i, k, :], out[..., i, j, :] = x[..., j, :], -x[..., k, :]
     return out
+
+
+def _least_squares(gram: Array, right: Array) -> Array:
+    """(n, 6, k) least solutions of gram (n, 6, 6) x = right (n, 6, k). Where all matrices are regular, which
+    Cholesky factors tell soonest, they need no pseudo-inverse."""
+    try:
+        pivot = np.linalg.cholesky(gram).diagonal(axis1=1, axis2=2)
+    except np.linalg.LinAlgError:
+        regular = False
+    else:
+        regular = bool((pivot.min(axis=1) > _REGULAR * pivot.max(axis=1)).all())
+    return array(np.linalg.solve(gram, right) if regular else np.linalg.pinv(gram, hermitian=True) @ right)
 
 
 def moved_points(points_m: Array, fault: str) -> Array:
