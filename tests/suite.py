@@ -4,7 +4,8 @@
     suite.py --junit build/junit --sum                                      only the closing line
 
 One step more than there are processors runs at once, since many wait for messages or a clock; each gets
-PROCESSORS=1. They begin in the order given: those that wait and those that take longest first, so that none is left at the end.
+PROCESSORS=1. They begin in the order given: first those that wait and those that take
+longest, so that none is left at the end.
 What several steps need is made before (--first), on all processors. Steps that only compute (--idle) run
 beside the others, one at a time and with less right to the processors: they take what waiting leaves.
 Each step is printed with the seconds that it took and those of the processors.
@@ -54,8 +55,8 @@ def count(report: Path) -> tuple[int, int, int]:
     return total - failed - skipped, failed, skipped
 
 
-# Of a step that takes what the others leave: less than half the share of one that does not. More, and the others end
-# after them; less, and they end alone.
+# Of a step that takes what the others leave: less than half the share of one that does not. With more, the
+# others end last; with less, these do, alone.
 NICE = 4
 
 

@@ -67,7 +67,8 @@ class Executive:
     ABORT -> END.
 
     seed: of flight's random acquisition; acquisition, poses: instead of the scenario's; first_seq: number of
-    the first command. result: set when it is over, see record().
+    the first command. result: set when it is over, see record(). quiet_until_us: until then tick() does
+    nothing without messages.
     """
 
     def __init__(
@@ -87,7 +88,7 @@ class Executive:
         self.result: dict = {}
         self.warnings: Counter[int] = Counter()  # events by id
         self._seq = first_seq
-        self._now_us = self._quiet_until_us = 0
+        self._now_us = self.quiet_until_us = 0
         self._begun_us: int | None = None
         self._phase_us = 0  # when this phase began
         self._hk: Any = None
@@ -107,7 +108,7 @@ class Executive:
     def tick(self, now_us: int, messages: list[Received]) -> bool:
         """Take in (channel, message) pairs, look at the clocks, act. False when everything is over."""
         self._now_us = now_us
-        if not messages and now_us < self._quiet_until_us:
+        if not messages and now_us < self.quiet_until_us:
             return True
         if self._begun_us is None:
             self._begun_us = self._phase_us = now_us
@@ -116,10 +117,10 @@ class Executive:
         if self.phase not in ("ABORT", "END"):
             self._check_timeouts()
         self._ACTIONS[self.phase](self)
-        self._quiet_until_us = self._nothing_until_us() if self.phase == "RUN" else 0
+        self.quiet_until_us = self._nothing_before_us() if self.phase == "RUN" else 0
         return not (self.phase == "END" and self._waited(LINGER_S))
 
-    def _nothing_until_us(self) -> int:
+    def _nothing_before_us(self) -> int:
         """Until when nothing happens in RUN if nothing is received: no time-out ends before. 0: at once."""
         if self._proposal is not None or self._hk.state in (IDLE, SAFE):
             return 0

@@ -41,6 +41,9 @@ class Inbox:
     def __init__(self) -> None:
         self._waiting: list[Received] = []
 
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
     def put(self, channel: str, message: Any) -> None:
         """A message has arrived."""
         self._waiting.append((channel, message))

@@ -19,6 +19,7 @@ from .transforms import quaternion
 HELD_OUT_N = 200
 HELD_OUT_TRIES = 200_000
 DRAWN_AT_ONCE = 500
+ROUNDING_M = 1e-9  # more than positions are rounded by
 
 
 def build_plant(scenario: Scenario, pictures: bool = True) -> Plant:
@@ -115,11 +116,11 @@ def truth_record(scenario: Scenario, plant: Plant, seed: int, mode: str) -> dict
 
 
 def _random_postures(arm: Arm, seed: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Readings inside the limits and sides they are reached from, (n,) each, HELD_OUT_TRIES times."""
+    """Readings inside the limits, and sides they are reached from: (DRAWN_AT_ONCE, n) each."""
     rng, rng_sides = generator(seed, "held out"), generator(seed, "held out sides")
     for _ in range(HELD_OUT_TRIES // DRAWN_AT_ONCE):
         q = rng.uniform(arm.q_min, arm.q_max, (DRAWN_AT_ONCE, arm.n))
-        yield from zip(q, rng_sides.choice([-1, 1], (DRAWN_AT_ONCE, arm.n)), strict=True)
+        yield q, rng_sides.choice([-1, 1], (DRAWN_AT_ONCE, arm.n))
 
 
 def held_out_poses(scenario: Scenario, plant: Plant, seed: int, n: int = HELD_OUT_N) -> list[dict]:
@@ -128,18 +129,33 @@ def held_out_poses(scenario: Scenario, plant: Plant, seed: int, n: int = HELD_OU
     Each is reached from a random side: q_rad (readings) and dir [-1, 1], then p_m and q_wxyz, where the tool
     truly is in the base frame. Raises ArithmeticError if too few random poses lie in the region.
     """
-    arm, region = plant.arm(scenario.env.payload_kg), plant.spec["region"]
-    (x_min, y_min, z_min), (x_max, y_max, z_max) = region["min_m"], region["max_m"]
+    payload_kg, region = scenario.env.payload_kg, plant.spec["region"]
+    arm = plant.arm(payload_kg)
+    limits_m = region["min_m"], region["max_m"]
     found: list[dict] = []
-    for q, side in _random_postures(arm, seed):
-        if plant.effects:
-            plant.stand(conditions(scenario, q, side))
-        else:  # depends on nothing but the joints
-            arm.set(plant.encoders.joints_rad(q), 0.0, 0.0)
-        x_m, y_m, z_m = p_m = arm.p_base_tool_m.tolist()
-        if x_min <= x_m <= x_max and y_min <= y_m <= y_max and z_min <= z_m <= z_max:
-            reached = {"q_rad": q.tolist(), "dir": side.tolist()}
-            found.append(reached | {"p_m": p_m, "q_wxyz": quaternion(arm.T_base_tool).tolist()})
-        if len(found) == n:
-            return found
+    for q_rad, sides in _random_postures(arm, seed):
+        for k in _perhaps_inside(plant, payload_kg, q_rad, *map(np.array, limits_m)):
+            if plant.effects:
+                plant.stand(conditions(scenario, q_rad[k], sides[k]))
+            else:
+                plant.stand_rigid(q_rad[k], 0.0, 0.0, payload_kg)
+            p_m = arm.p_base_tool_m.tolist()
+            if all(low <= p <= high for p, low, high in zip(p_m, *limits_m, strict=True)):
+                reached = {"q_rad": q_rad[k].tolist(), "dir": sides[k].tolist()}
+                T = arm.T_base_tool
+                found.append(reached | {"p_m": p_m, "q_wxyz": quaternion(T).tolist()})
+            if len(found) == n:
+                return found
     raise ArithmeticError(f"only {len(found)} of {HELD_OUT_TRIES} random poses have the tool in the region")
+
+
+def _perhaps_inside(
+    plant: Plant, payload_kg: float, q_rad: np.ndarray, low_m: np.ndarray, high_m: np.ndarray
+) -> np.ndarray:
+    """Indices of those readings (k, n) with which the tool may be within limits (3,). Effects move the arm
+    elsewhere: with any, all of them."""
+    if plant.effects:
+        return np.arange(len(q_rad))
+    p_m = plant.rigid_tools_m(q_rad, payload_kg)
+    inside = (low_m - ROUNDING_M <= p_m) & (p_m <= high_m + ROUNDING_M)
+    return np.flatnonzero(inside.all(axis=1))

@@ -58,7 +58,8 @@ class World:
     def __init__(self, scenario: Scenario, seed: int, make_imager: MakeImager):
         self.scenario, self.seed = scenario, seed
         self.plant = build_plant(scenario, pictures=make_imager is not fast_imager)
-        self.arm = self.plant.arm(scenario.env.payload_kg)
+        self._payload_kg = scenario.env.payload_kg
+        self.arm = self.plant.arm(self._payload_kg)
         self.controller = ArmController(self.arm.spec)
         self.pantilt = PanTiltController(self.arm.spec)
         self.imager: Imager = make_imager(scenario, self.arm, seed)
@@ -75,7 +76,7 @@ class World:
         self._asked: tuple[Any, ...] = ()
         self._asked_of: tuple[Any, ...] = ()
         self._stands = b""
-        self._touching: tuple[AtRest | None, list[str]] = None, []
+        self._contacts_at: tuple[AtRest | None, list[str]] = None, []
         self.q_rad = self.dq_rad_s = self.pantilt_rad = np.empty(0)
         self.arm_moves = self.pantilt_moves = False
         self._encoders = np.empty(0)  # readings without noise
@@ -113,34 +114,35 @@ class World:
 
     def observe(self) -> list[tuple[str, Message]]:
         """The last: frames that were requested, and the truth once a second."""
-        return [*self.frames(), self.truth()] if self.judge() else self.frames()
+        frames, truth_due = self.watch()
+        return [*frames, self.truth()] if truth_due else frames
 
-    def frames(self) -> list[tuple[str, Message]]:
-        """Of the last part: frames that were requested."""
-        if not self._requested_frames:
-            return []
-        assert self.now_us is not None
-        return self._take_frames(self.now_us, self.settle(self._encoders, self.pantilt_rad))
+    def watch(self) -> tuple[list[tuple[str, Message]], bool]:
+        """observe() with truth() left to the caller: the frames, and whether the truth is due. What touches
+        then is noted."""
+        now_us = self.now_us or 0
+        frames: list[tuple[str, Message]] = []
+        if self._requested_frames:
+            frames = self._take_frames(now_us, self.settle(self._encoders, self.pantilt_rad))
+        truth_due = now_us >= self._next_truth_us
+        if truth_due:
+            self._next_truth_us = now_us - now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
+            self._note_contacts()
+        return frames, truth_due
 
-    def judge(self) -> bool:
-        """Of the last part: once a second, note what touches. Whether it was time to."""
-        assert self.now_us is not None
-        if self.now_us < self._next_truth_us:
-            return False
-        self._next_truth_us = self.now_us - self.now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
+    def _note_contacts(self) -> None:
         true = None
         if self.arm_moves or self.pantilt_moves:  # to another place each time
             self.stand(self._encoders, self.pantilt_rad)
         else:
             true = self.settle(self._encoders, self.pantilt_rad)
-        if true is None or true is not self._touching[0]:
-            self._touching = true, sorted({" - ".join(pair) for pair in self.arm.collisions()})
-        if self._touching[1]:
-            self.contacts.update(self._touching[1])
-        return True
+        if true is None or true is not self._contacts_at[0]:
+            self._contacts_at = true, sorted({" - ".join(pair) for pair in self.arm.collisions()})
+        if self._contacts_at[1]:
+            self.contacts.update(self._contacts_at[1])
 
     def truth(self) -> tuple[str, Message]:
-        """Of the last part: where the arm truly is now."""
+        """Where the arm truly is now."""
         return "KC_SIM_TRUTH", self._sim_truth(self.settle(self._encoders, self.pantilt_rad))
 
     def execute_commands(self, t_us: int) -> None:
@@ -175,7 +177,11 @@ class World:
 
     def stand(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> None:
         """settle() for those who need no poses."""
-        self.plant.stand(self._conditions(q_read_rad, pantilt_rad))
+        if self.plant.effects:
+            self.plant.stand(self._conditions(q_read_rad, pantilt_rad))
+        else:
+            pan_rad, tilt_rad = pantilt_rad.tolist()
+            self.plant.stand_rigid(q_read_rad, pan_rad, tilt_rad, self._payload_kg)
 
     def _conditions(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> Conditions:
         direction, t_s = self.controller.trajectory.direction, (self.now_us or 0) * 1e-6

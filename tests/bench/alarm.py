@@ -79,6 +79,7 @@ class Operation:
     """Normal operation, then the calibration. Ends with the calibration."""
 
     channels = ("KC_EVENT",)
+    quiet_until_us = 0
 
     def __init__(self, send: Any, world: list[World], start: Any) -> None:
         self._send, self._world, self._start = send, world, start

@@ -68,6 +68,8 @@ BEGIN, END = "<!-- made: faults -->\n", "<!-- end -->\n"
 class Patient:
     """The executive; after it has ended, flight goes on until it is at rest."""
 
+    quiet_until_us = 0
+
     def __init__(self, executive: Executive):
         self.executive, self.over = executive, False
         self.channels = executive.channels

@@ -244,7 +244,7 @@ def test_a_joint_that_settles_beside_a_sensor_that_lags_is_not_all_joints(arm, l
     assert abs(found["joint_settling[2]"].parameters[0].value - k) < 1e-3
 
 
-def test_joints_that_settle_each_in_its_own_way_are_no_lag(arm, library):
+def test_joints_that_settle_by_different_shares_are_no_lag(arm, library):
     rng = np.random.default_rng(21)
     q = slow_walk(rng, 120)
     error = changes(q) * rng.uniform(-8e-3, 8e-3, 7)

@@ -49,6 +49,22 @@ def aborted_by(run) -> int:
     return int(next(e.got for e in run.log.events if e.name == "CAL_ABORTED"))
 
 
+@pytest.mark.parametrize("scenario", ["healthy", "hidden_compliance"])
+def test_ticks_until_something_is_sent_are_ticks_one_after_the_other(scenario):
+    def sent(ticks, setup):
+        with Simulation(scenario, 3, setup) as simulation:
+            taken = [t for t in iter(lambda: ticks(simulation), None) if t.from_flight]
+            messages = [(t.number, t.now_us, t.state, c, m.encode()) for t in taken for c, m in t.from_flight]
+            run = simulation.result()
+        log = run.log
+        return messages, log.counts, log.n_messages, run.record, run.contacts, run.mission_s, run.store.slots
+
+    whole = Setup(limit_s=400.0)
+    one_by_one = sent(Simulation.step, whole)
+    assert one_by_one == sent(Simulation.until_sent, whole)
+    assert one_by_one[1]["KC_PROGRESS"] > POSES and one_by_one[1]["KC_SIM_TRUTH"] > 100
+
+
 def test_without_a_command_nothing_moves_and_the_limit_of_time_ends_the_run():
     run = simulate("paper", 1, Setup(commander=lambda send: Script(send, ()), limit_s=3.0))
     assert (run.ended, run.state, run.mission_s) == (False, STATE["IDLE"], 3.0)

@@ -81,6 +81,17 @@ def test_mujoco_bodies_follow_eq_2_with_any_dh_errors(rng):
             np.testing.assert_allclose(arm.T_base_tool, dh_product(arm.spec, q, delta), atol=1e-12)
 
 
+def test_tool_positions_of_many_postures_are_those_of_one_after_the_other(rng):
+    arm = Arm(
+        errors={"J2.alpha_rad": 0.4, "J5.d_m": 0.1, "base.rx_rad": 0.2, "tool.ty_m": 0.05}, payload_kg=0.3
+    )
+    q_rad = rng.uniform(arm.q_min, arm.q_max, (40, arm.n))
+    found = arm.tool_positions_m(q_rad)
+    for q, p_m in zip(q_rad, found, strict=True):
+        arm.set(q)
+        assert p_m == pytest.approx(arm.p_base_tool_m, abs=1e-13)
+
+
 def test_base_and_tool_errors_are_twists_in_the_stated_order(rng):
     def ry(t):
         return np.array(

@@ -65,6 +65,7 @@ def main() -> None:
     threading.Thread(target=_receive, args=(os.fdopen(os.dup(0), "rb"), lines), daemon=True).start()
     shared = json.loads(lines.get())
     if not shared["function"]:
+        os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn, so no window system is loaded
         import_module("kincal.run.dispersed")  # what is loaded is what `software` finds, and is not collected
     here = function.software(shared["function"], Path(shared["beside"]))
     other = shared["software"] != here  # files changed since the command began

@@ -128,7 +128,7 @@ def fly(
         evaluator.learn(GroundTruth.of(truth_record(simulation.scenario, world.plant, seed, "fast")))
         found = read_back(changes, world, used, folder)
         check(changes, found)
-        while (tick := simulation.step()) is not None:
+        while (tick := simulation.until_sent()) is not None:
             for channel, message in tick.from_flight:
                 if channel in COMPARED:
                     digest.update(channel.encode() + message.encode())

@@ -166,7 +166,7 @@ class FlightSoftware:
         self._states_given = False
         if self._others_given:
             self._clear()
-        counts = wire.counts(self._outputs)
+        counts = wire.counts(self._outputs.memory)
         if counts is None:
             return []
         if self._out.n_store:

@@ -51,8 +51,11 @@ class Store:
         slot, newest = ("b", "a") if numbers["b"] < numbers["a"] else ("a", "b")
         if numbers[newest] and self.slots[kind, newest][_HEADER_BYTES:] == data:
             return
-        header = _HEADER.pack(_MAGIC, kind, max(numbers.values()) + 1, len(data))
-        self._put(kind, slot, header + _CRC.pack(zlib.crc32(header + data)) + data)
+        number = max(numbers.values()) + 1
+        header = _HEADER.pack(_MAGIC, kind, number, len(data))
+        whole = header + _CRC.pack(zlib.crc32(data, zlib.crc32(header))) + data
+        self._put(kind, slot, whole)
+        self._numbers[kind, slot] = whole, number
 
     def _number(self, kind: int, slot: str) -> int:
         """Number of a good slot, 0 if there is none or anything about it is wrong."""

@@ -49,8 +49,8 @@ _INPUTS = {
     for name, _ in _FLIGHT.ffi.typeof("kc_in_t").fields or ()
     if name.startswith(("has_", "n_"))
 } - {"rx_errors", "store_result"}
-_UPPER = np.triu_indices(6)
-# All 36 entries of a covariance from its upper triangle, row by row.
+# Of a covariance, row by row: its upper triangle from all 36 entries, and these from that.
+_UPPER_OF_WHOLE = itemgetter(*np.ravel_multi_index(np.triu_indices(6), (6, 6)).tolist())
 _WHOLE_OF_UPPER = itemgetter(*unpack_covariance(np.arange(21.0), 6).astype(int).ravel().tolist())
 
 
@@ -103,10 +103,11 @@ class _Layout:
             self.at[name] = slice(count, count + n) if array else count
             count += n
         self._packing = packing.Struct(form)
+        self.unpack_from = self._packing.unpack_from
 
     def read(self, struct: Place, beyond: int = 0) -> tuple[Any, ...]:
         """All values, those without a sign as messages have them, with one. beyond: bytes after the place."""
-        return self._packing.unpack_from(struct.memory, struct.offset + beyond)
+        return self.unpack_from(struct.memory, struct.offset + beyond)
 
     def write(self, struct: Place, values: Iterable[Any]) -> None:
         """All values; what lies between them becomes zero."""
@@ -125,8 +126,7 @@ def _listed(value: Any) -> Any:
 
 def _packed(cov: Any) -> list[float]:
     """Upper triangle of a covariance, row by row."""
-    upper: list[float] = np.array(cov).reshape(6, 6)[_UPPER].tolist()
-    return upper
+    return list(_UPPER_OF_WHOLE(cov))
 
 
 def _whole_numbers(value: Any) -> Any:
@@ -361,16 +361,17 @@ def clear(inputs: Place) -> None:
 # ---- out
 
 
-_COUNTS = _Layout(_FLIGHT.ffi.typeof("kc_out_t"), lambda name: name.startswith(("n_", "has_")))
-_EVENTS = _Layout(_FLIGHT.ffi.typeof("kc_events_t"), lambda name: name == "n")
+_COUNTS = _Layout(_FLIGHT.ffi.typeof("kc_out_t"), lambda name: name.startswith(("n_", "has_"))).unpack_from
+_EVENTS = _Layout(_FLIGHT.ffi.typeof("kc_events_t"), lambda name: name == "n").unpack_from
 _EVENTS_AT = _members(_FLIGHT.ffi.typeof("kc_out_t"))["events"].offset
-_NO_COUNTS = (0,) * len(_COUNTS.fields)
+_NO_COUNTS, _NO_EVENTS = (0,) * (2 + len(_OUTPUTS)), (0,)
 
 
-def counts(out: Place) -> tuple[int, ...] | None:
-    """How much a step gave: answers, store requests, outputs of KC_OUT_LIST, events. None: nothing."""
-    found, (n_event,) = _COUNTS.read(out), _EVENTS.read(out, _EVENTS_AT)
-    return None if found == _NO_COUNTS and not n_event else (*found, n_event)
+def counts(memory: Any) -> tuple[int, ...] | None:
+    """How much a step gave: answers, store requests, outputs of KC_OUT_LIST, events. None: nothing.
+    memory: kc_out_t."""
+    found, events = _COUNTS(memory), _EVENTS(memory, _EVENTS_AT)
+    return None if found == _NO_COUNTS and events == _NO_EVENTS else found + events
 
 
 def messages(out: Place, counts: tuple[int, ...], t_us: int, event_seq: int) -> list[Message]:

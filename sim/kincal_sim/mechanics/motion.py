@@ -157,7 +157,7 @@ class TrajectoryGenerator:
         if distance < REACHED_RAD:
             return
         self._unit = line / distance
-        share = [max(abs(unit), 1e-12) for unit in self._unit.tolist()]
+        share = [max(abs(move / distance), 1e-12) for move in moves]
         speed = self._goal_scale * min(map(truediv, self._speeds, share))
         self._line_accel = min(map(truediv, self._accels, share))
         self._profile = VelocityProfile.rest_to_rest(distance, speed, self._line_accel)
@@ -183,6 +183,7 @@ class ArmController:
         self.n = len(joints)
         self.q_min = np.array([j["q_rad"][0] for j in joints])
         self.q_max = np.array([j["q_rad"][1] for j in joints])
+        self._limits = list(zip(self.q_min.tolist(), self.q_max.tolist(), strict=True))
         start = np.array(motion["park_rad"] if q_start is None else q_start, float)
         self.trajectory = TrajectoryGenerator(
             start,
@@ -208,18 +209,19 @@ class ArmController:
             self.trajectory.hold(t)
             self.q_cmd = self.trajectory.at(t)[0]
             return True
-        self.fault_mask = self._faults(np.asarray(q_rad, float), speed_scale)
+        goal = np.array(q_rad, float)
+        self.fault_mask = self._faults(goal, speed_scale)
         if self.fault_mask:
             return False
-        self.q_cmd = np.array(q_rad, float)
+        self.q_cmd = goal
         self.trajectory.command(t, self.q_cmd, speed_scale)
         return True
 
     def _faults(self, q: np.ndarray, speed_scale: float) -> int:
         if q.shape != (self.n,) or not 0.0 < speed_scale <= 1.0:
             return (1 << self.n) - 1
-        good = ((q >= self.q_min) & (q <= self.q_max)).tolist()  # NaN is bad too
-        return sum(1 << j for j, fine in enumerate(good) if not fine)
+        places = enumerate(zip(self._limits, q.tolist(), strict=True))
+        return sum(1 << j for j, ((low, high), angle) in places if not low <= angle <= high)  # NaN is bad too
 
 
 class PanTiltController:
@@ -230,8 +232,7 @@ class PanTiltController:
 
     def __init__(self, spec: dict):
         unit = spec["pantilt"]
-        self.lower = np.array([unit["pan_rad"][0], unit["tilt_rad"][0]])
-        self.upper = np.array([unit["pan_rad"][1], unit["tilt_rad"][1]])
+        self._limits = unit["pan_rad"], unit["tilt_rad"]
         speed = unit["speed_rad_s"]
         self.trajectory = TrajectoryGenerator(unit["start_rad"], [speed, speed], [4 * speed, 4 * speed])
         self._last_seq: int | None = None
@@ -242,5 +243,6 @@ class PanTiltController:
         if not newer or not (math.isfinite(pan_rad) and math.isfinite(tilt_rad)):
             return False
         self._last_seq = seq
-        self.trajectory.command(t, np.clip([pan_rad, tilt_rad], self.lower, self.upper), 1.0)
+        wanted = zip((pan_rad, tilt_rad), self._limits, strict=True)
+        self.trajectory.command(t, [min(max(angle, low), high) for angle, (low, high) in wanted], 1.0)
         return True

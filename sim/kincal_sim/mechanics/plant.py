@@ -193,11 +193,16 @@ class _Variant:
     def loads(self) -> Loads:
         return Loads(self.arm, self.masses_kg, self.payload_kg)
 
+    def put_back(self) -> None:
+        """Bodies to where they were built."""
+        if not self._as_built:
+            self.arm.model.body_pos[:], self.arm.model.body_quat[:] = self._built_pos, self._built_quat
+        self._as_built = True
+
     def place(self, q_rad: np.ndarray, pantilt_rad: tuple[float, float], offsets: Offsets) -> None:
         """Stand there, with bodies moved from where they were built."""
         model = self.arm.model
-        if not self._as_built:
-            model.body_pos[:], model.body_quat[:] = self._built_pos, self._built_quat
+        self.put_back()
         self._as_built = not offsets
         for body, E in offsets.items():
             k = model.body(body).id
@@ -247,6 +252,21 @@ class Plant:
         for effect in effects:
             T_base_cam = T_base_cam @ effect.camera_offset(at)
         return AtRest(q_rad, arm.T_base_tool, T_base_cam)
+
+    def stand_rigid(
+        self, q_read_rad: np.ndarray, pan_rad: float, tilt_rad: float, payload_kg: float = 0.0
+    ) -> None:
+        """stand() of a plant without effects, where no other condition counts."""
+        assert not self.effects
+        self._variants[float(payload_kg)].place(self.encoders.joints_rad(q_read_rad), (pan_rad, tilt_rad), {})
+
+    def rigid_tools_m(self, q_read_rad: np.ndarray, payload_kg: float = 0.0) -> np.ndarray:
+        """(k, 3) positions of the tool at readings (k, n), of a plant without effects: but for rounding those
+        after stand_rigid()."""
+        assert not self.effects
+        variant = self._variants[float(payload_kg)]
+        variant.put_back()
+        return variant.arm.tool_positions_m(self.encoders.joints_rad(q_read_rad))
 
     def stand(self, at: Conditions, effects: Sequence[Effect] | None = None) -> np.ndarray:
         """settle() without poses: the true joints (n,) [rad]."""

@@ -21,14 +21,12 @@ from ..transforms import quaternion
 from . import pnp
 from .camera import Config
 from .tag_renderer import OCCLUSION_MARGIN_M
-from .tags import BLACK_CELLS, CELLS, Tag
+from .tags import Tag
 
 MAX_TAGS = 4
 # Corners that moved less than this [px] since the frame before: the scene rests.
 _REST_PX = 0.02
-# Points of a tag, in units of its printed half edge (white border included), that must all be in sight.
-_RING = np.array([[x, y, 0.0] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
-_PRINT = CELLS / BLACK_CELLS
+_CORNER_BEFORE = np.array([3, 0, 1, 2])
 _UPPER = np.ravel_multi_index(np.triu_indices(6), (6, 6))
 PoseAndCovariance = tuple[pnp.Pose, np.ndarray]
 
@@ -51,33 +49,35 @@ def visible_tags(
         seen
         for seen in _facing_tags(cfg, T_cam_tool)
         if _in_image(cfg, seen.corner_px)
-        and _unobstructed(
-            cfg, model, data, T_base_cam, T_base_tool @ seen.tag.T_tool_tag, 0.5 * seen.tag.size_m
-        )
+        and _unobstructed(cfg, model, data, T_base_cam, T_base_tool @ seen.tag.T_tool_tag, seen.tag)
     ]
 
 
 def _facing_tags(cfg: Config, T_cam_tool: np.ndarray) -> Iterator[Visible]:
     """Tags in front of the camera that are turned to it and large enough."""
+    near_m, detection = cfg.optics["near_m"], cfg.detection
+    most_rad = math.radians(detection["max_incidence_deg"])
+    R, p = T_cam_tool[:3, :3], T_cam_tool[:3, 3]
     for tag in cfg.tags:
         T = T_cam_tool @ tag.T_tool_tag
-        if T[2, 3] <= cfg.optics["near_m"]:
+        p_tag = T[:3, 3]
+        if T[2, 3] <= near_m:
             continue
-        cosine = float(T[:3, 2] @ T[:3, 3]) / _length(T[:3, 3])
+        cosine = float(T[:3, 2] @ p_tag) / _length(p_tag)
         incidence = float(np.arccos(min(max(cosine, -1.0), 1.0)))
-        if incidence > math.radians(cfg.detection["max_incidence_deg"]):
+        if incidence > most_rad:
             continue
-        px = pnp.project(cfg.K, T_cam_tool[:3, :3], T_cam_tool[:3, 3], tag.tool_corners_m)
-        edge_px = math.sqrt(((px - px[[3, 0, 1, 2]]) ** 2).sum(1).min())
-        if edge_px >= cfg.detection["min_edge_px"]:
+        px = pnp.project(cfg.K, R, p, tag.tool_corners_m)
+        edges_px = px - px[_CORNER_BEFORE]
+        edges_px *= edges_px
+        if math.sqrt(edges_px.sum(1).min()) >= detection["min_edge_px"]:
             yield Visible(tag, px, incidence)
 
 
 def _in_image(cfg: Config, px: np.ndarray) -> bool:
     m = cfg.detection["margin_px"]
-    x, y = px[:, 0], px[:, 1]
-    inside = px.min() >= m and x.max() <= cfg.width_px - 1.0 - m and y.max() <= cfg.height_px - 1.0 - m
-    return bool(inside)
+    x_max, y_max = px.max(0).tolist()
+    return bool(px.min() >= m and x_max <= cfg.width_px - 1.0 - m and y_max <= cfg.height_px - 1.0 - m)
 
 
 def _unobstructed(
@@ -86,19 +86,19 @@ def _unobstructed(
     data: mujoco.MjData,
     T_base_cam: np.ndarray,
     T_base_tag: np.ndarray,
-    half_m: float,
+    tag: Tag,
 ) -> bool:
     """True if nothing stands between the camera and the points of the tag."""
     lens, near_m = T_base_cam[:3, 3], cfg.optics["near_m"]
-    rays = (_RING * half_m * _PRINT) @ T_base_tag[:3, :3].T + T_base_tag[:3, 3] - lens
-    lengths = np.sqrt((rays**2).sum(1))
+    rays = tag.in_sight_m @ T_base_tag[:3, :3].T + T_base_tag[:3, 3] - lens
+    lengths = np.sqrt((rays * rays).sum(1))
     rays /= lengths[:, None]
     clear_m = (lengths - near_m - OCCLUSION_MARGIN_M).tolist()
     hit = np.zeros(1, np.int32)
-    return not any(
-        0.0 <= mujoco.mj_ray(model, data, origin, ray, None, 1, -1, hit) < clear
-        for origin, ray, clear in zip(lens + near_m * rays, rays, clear_m, strict=True)
-    )
+    for origin, ray, clear in zip(lens + near_m * rays, rays, clear_m, strict=True):
+        if 0.0 <= mujoco.mj_ray(model, data, origin, ray, None, 1, -1, hit) < clear:
+            return False
+    return True
 
 
 def _length(v: np.ndarray) -> float:

@@ -32,6 +32,14 @@ class Tag:
         return corners_m(self.size_m)
 
     @cached_property
+    def in_sight_m(self) -> np.ndarray:
+        """(9, 3) points in the tag frame that must all be in sight: corners and middles of the print, white
+        border included."""
+        ends = (-1.0, 0.0, 1.0)
+        ring = np.array([[x, y, 0.0] for x in ends for y in ends])
+        return ring * (0.5 * self.size_m) * (CELLS / BLACK_CELLS)
+
+    @cached_property
     def tool_corners_m(self) -> np.ndarray:
         """(4, 3) corners in the tool frame."""
         return self.corners_m @ self.T_tool_tag[:3, :3].T + self.T_tool_tag[:3, 3]
