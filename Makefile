@@ -141,7 +141,7 @@ test: ## everything a change has to pass, with a summary
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log --first build --first unit \
 	    --idle cov --idle mutation-short --idle sigma-short --idle wcet \
-	    live-test integration lint workbench-test ground-test fuzz lint-test oracle size heapcheck
+	    live-test workbench-test integration ground-test lint fuzz oracle lint-test size heapcheck
 
 # libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
 # harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.

@@ -4,7 +4,7 @@
     suite.py --junit build/junit --sum                                      only the closing line
 
 One step more than there are processors runs at once, since many wait for messages or a clock; each gets
-PROCESSORS=1. They begin in the order given: the longest come first, so that none is left at the end.
+PROCESSORS=1. They begin in the order given: those that wait and those that take longest first, so that none is left at the end.
 What several steps need is made before (--first), on all processors. Steps that only compute (--idle) run
 beside the others, one at a time and with less right to the processors: they take what waiting leaves.
 Each step is printed with the seconds that it took and those of the processors.
@@ -54,8 +54,9 @@ def count(report: Path) -> tuple[int, int, int]:
     return total - failed - skipped, failed, skipped
 
 
-# Of a step that takes what the others leave: a third of the share of one that does not.
-NICE = 5
+# Of a step that takes what the others leave: less than half the share of one that does not. More, and the others end
+# after them; less, and they end alone.
+NICE = 4
 
 
 def run(step: str, logs: Path, processors: int, nice: int = 0) -> tuple[int, float, float]:

@@ -48,6 +48,7 @@ CAUSES = (
     "tags detected at fewer than a third of the local initial poses",
     "tables or observations have changed in memory",
 )
+ROUNDING_US = 1000  # more than times in seconds are rounded by
 FIRST_HEARTBEAT_S = 30.0
 RETRY_S = 5.0  # after such a START
 LINGER_S = 2.0  # after the end: one more heartbeat shows where flight stands
@@ -86,7 +87,7 @@ class Executive:
         self.result: dict = {}
         self.warnings: Counter[int] = Counter()  # events by id
         self._seq = first_seq
-        self._now_us = 0
+        self._now_us = self._quiet_until_us = 0
         self._begun_us: int | None = None
         self._phase_us = 0  # when this phase began
         self._hk: Any = None
@@ -106,6 +107,8 @@ class Executive:
     def tick(self, now_us: int, messages: list[Received]) -> bool:
         """Take in (channel, message) pairs, look at the clocks, act. False when everything is over."""
         self._now_us = now_us
+        if not messages and now_us < self._quiet_until_us:
+            return True
         if self._begun_us is None:
             self._begun_us = self._phase_us = now_us
         for channel, m in messages:
@@ -113,7 +116,22 @@ class Executive:
         if self.phase not in ("ABORT", "END"):
             self._check_timeouts()
         self._ACTIONS[self.phase](self)
+        self._quiet_until_us = self._nothing_until_us() if self.phase == "RUN" else 0
         return not (self.phase == "END" and self._waited(LINGER_S))
+
+    def _nothing_until_us(self) -> int:
+        """Until when nothing happens in RUN if nothing is received: no time-out ends before. 0: at once."""
+        if self._proposal is not None or self._hk.state in (IDLE, SAFE):
+            return 0
+        limits, started_us = self.limits, self._started_us or self._begun_us or 0
+        ends_us = [
+            self._hk_us + limits.heartbeat_timeout_s * 1e6,
+            self._pose_us + limits.pose_timeout_s * 1e6,
+            started_us + limits.total_timeout_s * 1e6,
+        ]
+        if self._awaited_seq is not None:
+            ends_us.append(self._phase_us + limits.ack_timeout_s * 1e6)
+        return int(min(ends_us)) - ROUNDING_US
 
     def _on_hk(self, m: kcm.hk_t) -> None:
         self._hk, self._hk_us = m, self._now_us

@@ -54,16 +54,12 @@ def quaternion(R: np.ndarray) -> np.ndarray:
     largest = 0.5 * math.sqrt(four[k])
     h = 0.25 / largest
     wx, wy, wz = h * (zy - yz), h * (xz - zx), h * (yx - xy)
-    vxy, vxz, vyz = h * (yx + xy), h * (zx + xz), h * (zy + yz)
-    q = np.array(
-        (
-            (largest, wx, wy, wz),
-            (wx, largest, vxy, vxz),
-            (wy, vxy, largest, vyz),
-            (wz, vxz, vyz, largest),
-        )[k]
-    )
-    q = -q if q[0] < 0 else q
+    if k == 0:
+        w, x, y, z = largest, wx, wy, wz
+    else:
+        vxy, vxz, vyz = h * (yx + xy), h * (zx + xz), h * (zy + yz)
+        w, x, y, z = ((wx, largest, vxy, vxz), (wy, vxy, largest, vyz), (wz, vxz, vyz, largest))[k - 1]
+    q = np.array((-w, -x, -y, -z) if w < 0 else (w, x, y, z))
     return q / math.sqrt(q @ q)
 
 

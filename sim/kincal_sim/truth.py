@@ -129,12 +129,15 @@ def held_out_poses(scenario: Scenario, plant: Plant, seed: int, n: int = HELD_OU
     truly is in the base frame. Raises ArithmeticError if too few random poses lie in the region.
     """
     arm, region = plant.arm(scenario.env.payload_kg), plant.spec["region"]
-    limits = list(zip(region["min_m"], region["max_m"], strict=True))
+    (x_min, y_min, z_min), (x_max, y_max, z_max) = region["min_m"], region["max_m"]
     found: list[dict] = []
     for q, side in _random_postures(arm, seed):
-        plant.stand(conditions(scenario, q, side))
-        p_m = arm.p_base_tool_m.tolist()
-        if all(low <= p <= high for p, (low, high) in zip(p_m, limits, strict=True)):
+        if plant.effects:
+            plant.stand(conditions(scenario, q, side))
+        else:  # depends on nothing but the joints
+            arm.set(plant.encoders.joints_rad(q), 0.0, 0.0)
+        x_m, y_m, z_m = p_m = arm.p_base_tool_m.tolist()
+        if x_min <= x_m <= x_max and y_min <= y_m <= y_max and z_min <= z_m <= z_max:
             reached = {"q_rad": q.tolist(), "dir": side.tolist()}
             found.append(reached | {"p_m": p_m, "q_wxyz": quaternion(arm.T_base_tool).tolist()})
         if len(found) == n:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -69,14 +70,16 @@ class World:
         self._requested_frames: list[int] = []
         self.seq = 0
         self._next_truth_us = 0
-        # The last answer of settle(), what was asked, where the arm stood then; and what follows from it.
+        # The last answer of settle(), what was asked, where the arm stood then; and what touches there.
         self._true: AtRest | None = None
         self._asked: tuple[Any, ...] = ()
+        self._asked_of: tuple[Any, ...] = ()
         self._stands = b""
-        self._truth: tuple[AtRest, list[str], list[float]] | None = None
+        self._touching: tuple[AtRest | None, list[str]] = None, []
         self.q_rad = self.dq_rad_s = self.pantilt_rad = np.empty(0)
         self.arm_moves = self.pantilt_moves = False
         self._encoders = np.empty(0)  # readings without noise
+        self._noise_rad, self._step_rad = scenario.arm.encoder_noise_rad, scenario.arm.encoder_step_rad
         self._q, self._dq, self._q_cmd = _Listed(), _Listed(), _Listed()
         self._dir = _Listed(lambda d: d.tolist() + [0] * (JOINT_SLOTS - len(d)))
         self.gravity_m_s2 = [float(g) for g in scenario.env.gravity_m_s2]
@@ -92,14 +95,16 @@ class World:
 
     def advance(self, now_us: int) -> None:
         """The first part of a step: time passes, and everything moves."""
-        self.execute_commands(self.now_us if self.now_us is not None else now_us)
+        if self._commands:
+            self.execute_commands(self.now_us if self.now_us is not None else now_us)
         self.now_us = now_us
         self.seq += 1
-        q, self.dq_rad_s, self.arm_moves = self.controller.trajectory.at(now_us * 1e-6)
-        self.pantilt_rad, _, self.pantilt_moves = self.pantilt.trajectory.at(now_us * 1e-6)
+        t_s = now_us * 1e-6
+        q, self.dq_rad_s, self.arm_moves = self.controller.trajectory.at(t_s)
+        self.pantilt_rad, _, self.pantilt_moves = self.pantilt.trajectory.at(t_s)
         if self.arm_moves or self.pantilt_moves:
             self.last_motion_us = now_us
-        if q is not self._encoders or self.scenario.arm.encoder_noise_rad:
+        if q is not self._encoders or self._noise_rad:
             self._encoders, self.q_rad = q, self._readings(q)
 
     def states(self) -> list[tuple[str, Message]]:
@@ -108,20 +113,35 @@ class World:
 
     def observe(self) -> list[tuple[str, Message]]:
         """The last: frames that were requested, and the truth once a second."""
-        assert self.now_us is not None
-        truth_due = self.now_us >= self._next_truth_us
-        if not (self._requested_frames or truth_due):
+        return [*self.frames(), self.truth()] if self.judge() else self.frames()
+
+    def frames(self) -> list[tuple[str, Message]]:
+        """Of the last part: frames that were requested."""
+        if not self._requested_frames:
             return []
-        true = self.settle(self._encoders, self.pantilt_rad)
-        out = self._take_frames(self.now_us, true)
-        if truth_due:
-            self._next_truth_us = self.now_us - self.now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
-            if self._truth is None or self._truth[0] is not true:
-                pairs = sorted({" - ".join(pair) for pair in self.arm.collisions()})
-                self._truth = true, pairs, quaternion(true.T_base_tool).tolist()
-            self.contacts.update(self._truth[1])
-            out.append(("KC_SIM_TRUTH", self._sim_truth(true, self._truth[2])))
-        return out
+        assert self.now_us is not None
+        return self._take_frames(self.now_us, self.settle(self._encoders, self.pantilt_rad))
+
+    def judge(self) -> bool:
+        """Of the last part: once a second, note what touches. Whether it was time to."""
+        assert self.now_us is not None
+        if self.now_us < self._next_truth_us:
+            return False
+        self._next_truth_us = self.now_us - self.now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
+        true = None
+        if self.arm_moves or self.pantilt_moves:  # to another place each time
+            self.stand(self._encoders, self.pantilt_rad)
+        else:
+            true = self.settle(self._encoders, self.pantilt_rad)
+        if true is None or true is not self._touching[0]:
+            self._touching = true, sorted({" - ".join(pair) for pair in self.arm.collisions()})
+        if self._touching[1]:
+            self.contacts.update(self._touching[1])
+        return True
+
+    def truth(self) -> tuple[str, Message]:
+        """Of the last part: where the arm truly is now."""
+        return "KC_SIM_TRUTH", self._sim_truth(self.settle(self._encoders, self.pantilt_rad))
 
     def execute_commands(self, t_us: int) -> None:
         """Pass the commands that were received to the controllers, at this time."""
@@ -141,12 +161,17 @@ class World:
         """Put the MuJoCo arm where it truly is for these readings of arm (n,) and pan-tilt unit (2,). Where
         it stands there already, since nothing has moved, the answer is the one of before: what is wrong with
         the arm of a scenario does not depend on time."""
+        asked_of = q_read_rad, pantilt_rad, self.controller.trajectory.direction
+        true = self._true if self.arm.data.qpos.tobytes() == self._stands else None
+        if true and all(map(operator.is_, asked_of, self._asked_of)):  # arrays are never changed in place
+            return true
         at = self._conditions(q_read_rad, pantilt_rad)
         asked = (at.q_rad.tobytes(), np.asarray(at.direction).tobytes(), at.pan_rad, at.tilt_rad)
-        if self._true is None or asked != self._asked or self.arm.data.qpos.tobytes() != self._stands:
-            self._asked, self._true = asked, self.plant.settle(at)
+        if true is None or asked != self._asked:
+            self._asked, self._true = asked, (true := self.plant.settle(at))
             self._stands = self.arm.data.qpos.tobytes()
-        return self._true
+        self._asked_of = asked_of
+        return true
 
     def stand(self, q_read_rad: np.ndarray, pantilt_rad: np.ndarray) -> None:
         """settle() for those who need no poses."""
@@ -166,10 +191,9 @@ class World:
 
     def _readings(self, q: np.ndarray) -> np.ndarray:
         """Encoder readings with noise and quantisation."""
-        noise_rad, step_rad = self.scenario.arm.encoder_noise_rad, self.scenario.arm.encoder_step_rad
-        if noise_rad:
-            q = q + noise_rad * self._encoder_rng.standard_normal(len(q))
-        return np.round(q / step_rad) * step_rad if step_rad else q
+        if self._noise_rad:
+            q = q + self._noise_rad * self._encoder_rng.standard_normal(len(q))
+        return np.rint(q / self._step_rad) * self._step_rad if self._step_rad else q
 
     def _arm_state(self) -> kcm.arm_state_t:
         m, env = kcm.arm_state_t.__new__(kcm.arm_state_t), self.scenario.env
@@ -189,8 +213,8 @@ class World:
         m.pan_rad, m.tilt_rad = self.pantilt_rad.tolist()
         return m
 
-    def _sim_truth(self, true: AtRest, q_wxyz: list[float]) -> kcm.sim_truth_t:
+    def _sim_truth(self, true: AtRest) -> kcm.sim_truth_t:
         m, T = kcm.sim_truth_t(), true.T_base_tool
         m.t_us, m.n_joints, m.q_true_rad = self.now_us, len(true.q_rad), _slots(true.q_rad)
-        m.p_m, m.q_wxyz = T[:3, 3].tolist(), q_wxyz
+        m.p_m, m.q_wxyz = T[:3, 3].tolist(), quaternion(T).tolist()
         return m

@@ -251,9 +251,9 @@ def test_every_kind_of_value_is_read_back(tmp_path):
     folder = BIN
     with dispersed.tables_with(folder, changes) as used:
         world = dispersed.World(scenario, 1, dispersed.fast_imager)
+        found = dispersed.read_back(changes, world, used, folder)
         for key, want in changes.items():
-            found = dispersed.read_back(key, world, used, folder)
-            assert found == (want if isinstance(want, str) else pytest.approx(want, rel=1e-6)), key
+            assert found[key] == (want if isinstance(want, str) else pytest.approx(want, rel=1e-6)), key
         dispersed.check(changes, changes)
         with pytest.raises(ArithmeticError, match=r"env.temp_c = -39.0, asked for was -40.0"):
             dispersed.check(changes, changes | {"env.temp_c": -39.0})

@@ -152,7 +152,8 @@ def test_states_without_messages_are_those_with_messages():
 def test_states_without_messages_fill_the_same_bytes():
     world = World(load("encoder_bias"), 1, fast_imager)
     world.receive("KC_ARM_CMD", arm_command(world.controller.q_cmd + 0.3))
-    seen = set()
+    kept = wire.place(library("flight").new("kc_in_t"))
+    kept_states, seen = wire.States(kept), set()
     for tick in range(1, 60):
         world.advance(tick * 100_000)
         with_messages, without = (wire.place(library("flight").new("kc_in_t")) for _ in range(2))
@@ -163,6 +164,11 @@ def test_states_without_messages_fill_the_same_bytes():
         arm, pantilt = without.member("arm"), without.member("pantilt")
         whole = slice(arm.offset, pantilt.offset + library("flight").ffi.sizeof(pantilt.ctype))
         assert bytes(without.memory[whole]) == bytes(with_messages.memory[whole])
+        kept_states.fill(world)  # into what earlier ticks left
+        assert bytes(kept.memory) == bytes(without.memory)
+        if tick % 7 == 0:
+            kept_states.withdraw()
+            assert not any(bytes(kept.memory))
         seen.add((world.arm_moves, world.controller.fault_mask))
         if tick == 50:
             world.receive("KC_ARM_CMD", arm_command(np.full(7, 50.0), seq=2))

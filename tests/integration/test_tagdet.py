@@ -640,7 +640,7 @@ def test_pose_and_alternative_are_those_of_opencv(cfg):
         best = min(fits, key=lambda fit: fit[0])
         different = [fit for fit in fits if np.linalg.norm(corner_model.vector(best[1].T @ fit[1])) > 0.01]
         other = min(different, key=lambda fit: fit[0], default=best)
-        pose, information = pnp.solve(cfg.K, list(zip(tags, px, strict=True)))
+        pose, information = pnp.Solver(cfg.K).solve(list(zip(tags, px, strict=True)))
         assert same_fit(best, (pose.rms_px, pose.R, pose.p_m))
         assert same_fit(other, (pose.rms_alt_px, pose.R_alt, pose.p_alt_m))
         J = corner_model.jacobian(cfg.K, pose.R, pose.p_m, np.vstack(points))
@@ -651,7 +651,7 @@ def test_pose_and_alternative_are_those_of_opencv(cfg):
 
 def test_corners_that_are_no_numbers_have_no_pose(cfg):
     tag = cfg.tags[0]
-    assert pnp.solve(cfg.K, [(tag, np.full((4, 2), np.nan))]) is None
+    assert pnp.Solver(cfg.K).solve([(tag, np.full((4, 2), np.nan))]) is None
 
 
 def opencv_fit(K, R, p, points, px):

@@ -152,11 +152,11 @@ class LogSummary:
         """A session, made if it is new."""
         return self.sessions.setdefault(number, Session(number))
 
-    def count(self, channels: Iterable[str]) -> None:
-        """A message on each of these channels, with nothing in it that is kept."""
+    def count(self, channels: Iterable[str], n: int = 1) -> None:
+        """n messages on each of these channels, with nothing in them that is kept."""
         for channel in channels:
-            self.n_messages += 1
-            self.counts[channel] += 1
+            self.n_messages += n
+            self.counts[channel] += n
 
     def count_damaged(self, channel: str, number: int) -> None:
         """The message of the event of this number is none of its channel."""

@@ -10,7 +10,7 @@ import hashlib
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -126,7 +126,7 @@ def fly(
         world, digest = simulation.world, hashlib.sha256()
         evaluator = _evaluator(used)
         evaluator.learn(GroundTruth.of(truth_record(simulation.scenario, world.plant, seed, "fast")))
-        found = {key: read_back(key, world, used, folder) for key in changes}
+        found = read_back(changes, world, used, folder)
         check(changes, found)
         while (tick := simulation.step()) is not None:
             for channel, message in tick.from_flight:
@@ -206,8 +206,16 @@ def check(asked: Mapping[str, Value], found: Mapping[str, Value]) -> None:
             raise ArithmeticError(f"the world has {key} = {got!r}, asked for was {want!r}")
 
 
-def read_back(key: str, world: World, used: Path, folder: Path) -> Value:
-    """A value of the built world, or of the tables that flight gets."""
+def read_back(keys: Iterable[str], world: World, used: Path, folder: Path) -> dict[str, Value]:
+    """Values of the built world, or of the tables that flight gets, by key."""
+    errors = cache(lambda of: geometry_errors(world, of))
+    return {key: _read_back(key, world, used, folder, errors) for key in keys}
+
+
+def _read_back(
+    key: str, world: World, used: Path, folder: Path, errors: Callable[[str], dict[str, float]]
+) -> Value:
+    """errors: geometry_errors() of a joint, "base" or "tool"."""
     path = split_key(key)
     match path:
         case ["tables"]:
@@ -215,7 +223,7 @@ def read_back(key: str, world: World, used: Path, folder: Path) -> Value:
         case ["config", *field]:
             return _config_value(used, field)
         case ["arm", "errors", name]:
-            return geometry_errors(world, name.partition(".")[0])[name]
+            return errors(name.partition(".")[0])[name]
         case ["arm", "encoder_bias_rad", joint]:
             return float(world.plant.encoders.bias_rad[_index(joint)])
         case ["arm", "encoder_gain", joint]:

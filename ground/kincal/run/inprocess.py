@@ -46,6 +46,8 @@ from kincal_sim.world import World  # noqa: E402
 if TYPE_CHECKING:
     from kincal.link.messages import Cmd, LcmMessage
 
+TRUTH = "KC_SIM_TRUTH"
+UNHEARD = STATES | {TRUTH}
 Messages: TypeAlias = "tuple[Message, ...]"
 TABLES = installation.root() / "tables" / "bin"
 
@@ -136,7 +138,7 @@ class Tick:
     """One tick. number: from 1; now_us: mission time; state: flight's after it, KC_ST_...; from_flight:
     channel and message of what arrived of flight's answers."""
 
-    __slots__ = ("_sent", "_world", "from_flight", "now_us", "number", "state")
+    __slots__ = ("_judged", "_sent", "_world", "from_flight", "now_us", "number", "state")
 
     def __init__(
         self,
@@ -146,15 +148,19 @@ class Tick:
         to_flight: Messages,
         from_flight: Messages,
         world: World | None = None,
+        judged: bool = False,
     ) -> None:
         self.number, self.now_us, self.state, self.from_flight = number, now_us, state, from_flight
-        self._sent, self._world = to_flight, world
+        self._sent, self._world, self._judged = to_flight, world, judged
 
     @property
     def to_flight(self) -> Messages:
         """Channel and message of what flight was sent. To be asked for before the next tick: the states of
-        arm and pan-tilt unit become messages only then."""
-        return (*self._world.states(), *self._sent) if self._world else self._sent
+        arm and pan-tilt unit, and the truth, become messages only then."""
+        if self._world is None:
+            return self._sent
+        truth = (self._world.truth(),) if self._judged else ()
+        return (*self._world.states(), *self._sent, *truth)
 
 
 @dataclass(frozen=True)
@@ -239,9 +245,12 @@ class Simulation:
         self.world = make_world(self.scenario, seed)
         self.store = setup.store or Store()
         self.ended = False
-        self.log = LogSummary(setup.log or Path("-"))
+        self._log = LogSummary(setup.log or Path("-"))
+        self._uncounted = self._judged = 0  # states and truths that were no messages, since the last count
         self._file = lcm.EventLog(str(setup.log), "w", overwrite=True) if setup.log else None
-        self._limit_s = setup.limit_s or self.scenario.executive.total_timeout_s + PATIENCE_S
+        limit_s = setup.limit_s or self.scenario.executive.total_timeout_s + PATIENCE_S
+        self._limit_us = limit_s * 1e6
+        self._faulty = setup.hooks != Hooks()
         self._number = self._now_us = 0
         self._sent: list[Message] = []  # on their way to flight
         self._key = setup.key or of_simulation(seed)
@@ -275,6 +284,15 @@ class Simulation:
             (self._key, *self.setup.others),
         )
 
+    @property
+    def log(self) -> LogSummary:
+        """The messages so far as a log reader has them."""
+        if self._uncounted:
+            self._log.count(STATES, self._uncounted)
+            self._log.count((TRUTH,), self._judged)
+            self._uncounted = self._judged = 0
+        return self._log
+
     def publish(self, channel: str, message: LcmMessage) -> None:
         """A message for flight, due at the first tick later than its stamp."""
         self._sent.append((channel, message))
@@ -289,33 +307,39 @@ class Simulation:
 
     def step(self) -> Tick | None:
         """One tick: simulator, flight, commander. None when the run has ended."""
-        if self.ended or (self._number + 1) * TICK_US > self._limit_s * 1e6:
+        number = self._number + 1
+        now_us = number * TICK_US
+        if self.ended or now_us > self._limit_us:
             return None
-        self._number += 1
-        self._now_us = self._number * TICK_US
-        if self.setup.hooks.power_loss(self._number):
+        self._number, self._now_us = number, now_us
+        if self._faulty and self.setup.hooks.power_loss(number):
             self._flight = self._power_up()
-        self.world.advance(self._now_us)
-        plain = self._states_need_no_messages()
-        to_flight = self._send_to_flight([] if plain else self.world.states())
-        if plain:
+        self.world.advance(now_us)
+        if plain := self._unheard():
+            to_flight = self._send_to_flight(self.world.frames())
             self._flight.receive_states(self.world)
-            self.log.count(STATES)
+            self._uncounted += 1
+            judged = self.world.judge()
+            self._judged += judged
+        else:
+            to_flight, judged = self._send_to_flight(self.world.states() + self.world.observe()), False
         from_flight = self._step_flight()
-        self._deliver(from_flight)
-        self.ended = not self._commander.tick(self._now_us, self._inbox.take(self._now_us))
+        if from_flight:
+            self._deliver(from_flight)
+        self.ended = not self._commander.tick(now_us, self._inbox.take(now_us))
         world = self.world if plain else None
-        return Tick(self._number, self._now_us, self._flight.state, to_flight, from_flight, world)
+        return Tick(number, now_us, self._flight.state, to_flight, from_flight, world, judged)
 
-    def _states_need_no_messages(self) -> bool:
-        """Nobody but flight hears them: no fault, no log file, no commander."""
-        faulty = self.setup.hooks.to_flight is not _as_sent
-        return not faulty and self._file is None and STATES.isdisjoint(self._commander.channels)
+    def _unheard(self) -> bool:
+        """Nobody but flight hears the simulator: no fault, no log file, no commander. Then states need no
+        messages, and what flight does not take need not be made."""
+        return not self._faulty and self._file is None and UNHEARD.isdisjoint(self._commander.channels)
 
-    def _send_to_flight(self, states: list[Message]) -> Messages:
+    def _send_to_flight(self, sensors: list[Message]) -> Messages:
         """Commands of the tick before, then what the simulator measures now."""
+        if not (sensors or self._sent or self._faulty):  # mostly, where states need no messages
+            return ()
         sent, self._sent = self._sent, []
-        sensors = [*states, *self.world.observe()]
         to_flight = self.setup.hooks.to_flight(self._number, (*sent, *sensors))
         for channel, message in to_flight:
             self._flight.receive(channel, message)
@@ -326,11 +350,13 @@ class Simulation:
         return to_flight
 
     def _step_flight(self) -> Messages:
-        hooks = self.setup.hooks
         if self._file is not None:
             t = message_type("time_t")()
             t.tick, t.now_us = self._number, self._now_us
             self._record("KC_TIME", t)
+        if not self._faulty:
+            return tuple(self._flight.step(self._now_us))
+        hooks = self.setup.hooks
         published = self._flight.step(max(0, hooks.clock(self._number, self._now_us)))
         return hooks.from_flight(self._number, tuple(published))
 
@@ -343,9 +369,9 @@ class Simulation:
                 self._inbox.put(channel, message)
 
     def _record(self, channel: str, message: Any) -> None:
-        self.log.n_messages += 1
-        self.log.counts[channel] += 1
-        self.log.add(channel, message)
+        self._log.n_messages += 1
+        self._log.counts[channel] += 1
+        self._log.add(channel, message)
         if self._file is not None:
             self._file.write_event(self._now_us, channel, message.encode())
 

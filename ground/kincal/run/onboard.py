@@ -113,10 +113,12 @@ class FlightSoftware:
     ) -> None:
         self.store, self.keep = store, keep
         self._app = cast("KcApp", _FLIGHT.ffi.addressof(cast(Any, _FLIGHT.lib), "kc_app_instance"))
+        self._step = _LIB.kc_app_step
         self._in, self._out = _FLIGHT.new("kc_in_t"), _FLIGHT.new("kc_out_t")
         self._inputs, self._outputs = wire.place(self._in), wire.place(self._out)
         self._newest_of = {name: self._inputs.member(name) for name in ("arm", "pantilt")}
         self._states = wire.States(self._inputs)
+        self._states_given = self._others_given = False  # since the last step
         self._waiting = _Waiting()
         self._event_seq = 0
         FlightSoftware._newest = self
@@ -141,31 +143,49 @@ class FlightSoftware:
         if name in _QUEUED:
             self._waiting.add(name, message)
         elif name:
+            if self._states.there:
+                self._states.withdraw()
             wire.fill(name, self._newest_of[name], message)
             setattr(self._in, f"has_{name}", 1)
+            self._others_given = True
 
     def receive_states(self, world: World) -> None:
         """What receive() does with the messages of world.states(), without making them."""
         self._states.fill(world)
+        self._states_given = True
 
     def step(self, now_us: int) -> list[Message]:
         """One tick at a mission time; what flight publishes, after all of it is stored."""
         if FlightSoftware._newest is not self:
             raise KincalError("another flight was started in this process", todo="run one after the other")
+        if self._states.there and not self._states_given:
+            self._states.withdraw()
         if self._waiting:
             self._take_due(now_us)
-        _LIB.kc_app_step(self._app, now_us, self._in, self._out)
-        wire.clear(self._inputs)
-        if not any(wire.counts(self._outputs)):
+        self._step(self._app, now_us, self._in, self._out)
+        self._states_given = False
+        if self._others_given:
+            self._clear()
+        counts = wire.counts(self._outputs)
+        if counts is None:
             return []
         if self._out.n_store:
             self._store_all()
-        published = list(wire.messages(self._outputs, now_us, self._event_seq))
+        published = wire.messages(self._outputs, counts, now_us, self._event_seq)
         self._event_seq += self._out.events.n
         return published
 
+    def _clear(self) -> None:
+        """Nothing received but states without messages: most of what is in them stays as it is."""
+        self._others_given = False
+        if self._states.there:
+            self._states.clear_others()
+        else:
+            wire.clear(self._inputs)
+
     def _take_due(self, now_us: int) -> None:
         """What waits and is due, into the input of the core."""
+        self._others_given = True
         for name, due in self._waiting.take(now_us):
             for k, m in enumerate(due):
                 wire.fill(name, self._inputs.member(name).entry(k), m)
@@ -173,6 +193,7 @@ class FlightSoftware:
 
     def _store_all(self) -> None:
         """Up to the first failure; the core hears how it went with the next step."""
+        self._others_given = True
         for request in self._out.store[0 : self._out.n_store]:
             data = bytes(_FLIGHT.ffi.buffer(request.data, request.n)) if request.n else b""
             kept = self.keep(request.kind, data)

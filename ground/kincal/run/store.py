@@ -28,6 +28,7 @@ class Store:
     def __init__(self, folder: Path | None = None) -> None:
         self.folder = folder
         self.slots: dict[tuple[int, str], bytes] = {}
+        self._numbers: dict[tuple[int, str], tuple[bytes, int]] = {}  # slots that were read
         self.count = counting()
         for path in sorted(folder.glob("k??.[ab]")) if folder else ():
             self.slots[int(path.stem[1:]), path.suffix[1:]] = path.read_bytes()
@@ -56,6 +57,14 @@ class Store:
     def _number(self, kind: int, slot: str) -> int:
         """Number of a good slot, 0 if there is none or anything about it is wrong."""
         whole = self.slots.get((kind, slot), b"")
+        read, number = self._numbers.get((kind, slot), (None, 0))
+        if read is not whole:
+            number = self._number_in(kind, whole)
+            self._numbers[kind, slot] = whole, number
+        return number
+
+    @staticmethod
+    def _number_in(kind: int, whole: bytes) -> int:
         if len(whole) < _HEADER_BYTES:
             return 0
         magic, its_kind, number, n = _HEADER.unpack_from(whole)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import re
 import struct as packing
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import cache
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
@@ -21,7 +21,7 @@ from kincal.link.channels import BY_NAME, message_type
 from kincal_shared.schema.messages import fields_of
 
 if TYPE_CHECKING:
-    from kincal.link.messages import ArmState, Cmd, Detection, LcmMessage, PantiltState, TableChunk
+    from kincal.link.messages import ArmState, Cmd, Detection, PantiltState, TableChunk
     from kincal_sim.world import World
 
 Message: TypeAlias = "tuple[str, Any]"
@@ -50,6 +50,8 @@ _INPUTS = {
     if name.startswith(("has_", "n_"))
 } - {"rx_errors", "store_result"}
 _UPPER = np.triu_indices(6)
+# All 36 entries of a covariance from its upper triangle, row by row.
+_WHOLE_OF_UPPER = itemgetter(*unpack_covariance(np.arange(21.0), 6).astype(int).ravel().tolist())
 
 
 class Place(NamedTuple):
@@ -237,7 +239,9 @@ def fill_pantilt(struct: Place, m: PantiltState) -> None:
 
 class States:
     """States of arm and pan-tilt unit into kc_in_t without messages between: most of what a simulated flight
-    receives. The same bytes as from fill_arm and fill_pantilt."""
+    receives. The same bytes as from fill_arm and fill_pantilt.
+
+    there: the inputs hold those of an earlier fill(), which writes what has changed since."""
 
     _VECTORS = ("q", "dq", "q_cmd", "dir")
     _HEAD = packing.Struct("=qiI")  # t_us, seq, n_joints
@@ -248,49 +252,75 @@ class States:
     def __init__(self, inputs: Place) -> None:
         self._memory = inputs.memory
         arm, pantilt, flags = (inputs.member(name) for name in ("arm", "pantilt", "has_arm"))
-        self._arm = bytearray(_FLIGHT.ffi.sizeof(arm.ctype))
-        self._arm_at = slice(arm.offset, arm.offset + len(self._arm))
-        self._pantilt = bytearray(_FLIGHT.ffi.sizeof(pantilt.ctype))
-        self._pantilt_at = slice(pantilt.offset, pantilt.offset + len(self._pantilt))
-        self._aims_at = _members(pantilt.ctype)["pan_rad"].offset
+        self._arm_at, self._pantilt_at = arm.offset, pantilt.offset
+        self._aims_at = pantilt.member("pan_rad").offset
+        self._rest_at = arm.member("moving").offset
         self._flags_at = slice(flags.offset, flags.offset + 2)  # has_arm, has_pantilt
-        members = _members(arm.ctype)
-        self._rest_at = members["moving"].offset
-        self._vectors = [
-            np.frombuffer(self._arm, float, members[name].type.length, members[name].offset)
-            for name in self._VECTORS
-        ]
-        # What is in both already.
+        self._end = pantilt.offset + _FLIGHT.ffi.sizeof(pantilt.ctype)
+        vectors = (arm.member(name) for name in self._VECTORS)
+        self._vectors = [np.frombuffer(self._memory, float, v.ctype.length, v.offset) for v in vectors]
+        self.there = False
+        # What is in the inputs already, if these are there.
         self._held: list[object] = [None] * len(self._VECTORS)
-        self._held_rest: tuple[float, ...] = ()
+        self._held_rest: tuple[bool, int] = (False, 0)
         self._held_aims: tuple[object, bool] = (None, False)
 
     def fill(self, world: World) -> None:
-        """What the encoders of the world read, as the newest states."""
-        controller, env = world.controller, world.scenario.env
-        vectors = world.q_rad, world.dq_rad_s, controller.q_cmd, controller.trajectory.direction
-        for k, now in enumerate(vectors):
-            if now is not self._held[k]:  # arrays of the world are never changed in place
-                self._held[k] = now
-                self._vectors[k][: len(now)] = now
-        rest = (world.arm_moves, controller.fault_mask, env.temp_c, env.payload_kg, *world.gravity_m_s2)
+        """What the encoders of the world read, as the newest states. Surroundings do not change in a run."""
+        if not self.there:
+            self._begin(world)
+        controller, held, vectors = world.controller, self._held, self._vectors
+        # Arrays of the world are never changed in place.
+        if (q := world.q_rad) is not held[0]:
+            held[0] = q
+            vectors[0][: len(q)] = q
+        if (dq := world.dq_rad_s) is not held[1]:
+            held[1] = dq
+            vectors[1][: len(dq)] = dq
+        if (q_cmd := controller.q_cmd) is not held[2]:
+            held[2] = q_cmd
+            vectors[2][: len(q_cmd)] = q_cmd
+        if (direction := controller.trajectory.direction) is not held[3]:
+            held[3] = direction
+            vectors[3][: len(direction)] = direction
+        rest = world.arm_moves, controller.fault_mask
         if rest != self._held_rest:
-            self._held_rest = rest
-            self._REST.pack_into(self._arm, self._rest_at, *rest)
+            self._hold_rest(world)
         if world.pantilt_rad is not self._held_aims[0] or world.pantilt_moves is not self._held_aims[1]:
             self._held_aims = world.pantilt_rad, world.pantilt_moves
             aims = world.pantilt_rad.tolist()
-            self._AIMS.pack_into(self._pantilt, self._aims_at, *aims, world.pantilt_moves)
-        self._HEAD.pack_into(self._arm, 0, world.now_us, world.seq, len(world.q_rad))
-        self._NEWER.pack_into(self._pantilt, 0, world.now_us, world.seq)
-        self._memory[self._arm_at] = self._arm
-        self._memory[self._pantilt_at] = self._pantilt
+            self._AIMS.pack_into(self._memory, self._aims_at, *aims, world.pantilt_moves)
+        self._HEAD.pack_into(self._memory, self._arm_at, world.now_us, world.seq, len(q))
+        self._NEWER.pack_into(self._memory, self._pantilt_at, world.now_us, world.seq)
+
+    def _begin(self, world: World) -> None:
+        """Into inputs that hold none."""
+        self.there = True
+        self._held = [None] * len(self._VECTORS)
+        self._held_aims = (None, False)
+        self._hold_rest(world)
         self._memory[self._flags_at] = b"\1\1"
+
+    def _hold_rest(self, world: World) -> None:
+        env, fault_mask = world.scenario.env, world.controller.fault_mask
+        self._held_rest = world.arm_moves, fault_mask
+        rest = (world.arm_moves, fault_mask, env.temp_c, env.payload_kg, *world.gravity_m_s2)
+        self._REST.pack_into(self._memory, self._rest_at, *rest)
+
+    def withdraw(self) -> None:
+        """Neither of them received."""
+        self.there = False
+        self._memory[self._flags_at.start : self._end] = bytes(self._end - self._flags_at.start)
+
+    def clear_others(self) -> None:
+        """Nothing received but these."""
+        self._memory[: self._flags_at.start] = _NOTHING[: self._flags_at.start]
+        self._memory[self._end :] = _NOTHING[self._end :]
 
 
 def fill_detection(struct: Place, m: Detection) -> None:
     """KC_DETECTION."""
-    _write(struct, m, cov=unpack_covariance(m.cov, 6).ravel().tolist())
+    _write(struct, m, cov=_WHOLE_OF_UPPER(m.cov))
 
 
 # Channel -> member of kc_in_t, if it is not the channel's name, and what fills it, if not _alike.
@@ -334,48 +364,80 @@ def clear(inputs: Place) -> None:
 _COUNTS = _Layout(_FLIGHT.ffi.typeof("kc_out_t"), lambda name: name.startswith(("n_", "has_")))
 _EVENTS = _Layout(_FLIGHT.ffi.typeof("kc_events_t"), lambda name: name == "n")
 _EVENTS_AT = _members(_FLIGHT.ffi.typeof("kc_out_t"))["events"].offset
+_NO_COUNTS = (0,) * len(_COUNTS.fields)
 
 
-def counts(out: Place) -> tuple[int, ...]:
-    """How much a step gave: answers, store requests, outputs of KC_OUT_LIST, events."""
-    return _COUNTS.read(out) + _EVENTS.read(out, _EVENTS_AT)
+def counts(out: Place) -> tuple[int, ...] | None:
+    """How much a step gave: answers, store requests, outputs of KC_OUT_LIST, events. None: nothing."""
+    found, (n_event,) = _COUNTS.read(out), _EVENTS.read(out, _EVENTS_AT)
+    return None if found == _NO_COUNTS and not n_event else (*found, n_event)
 
 
-def messages(out: Place, t_us: int, event_seq: int) -> Iterator[Message]:
-    """What flight publishes after a step, in its order. t_us: mission time of the step; event_seq: number of
-    the last event before it."""
-    n_ack, _, *has, n_event = counts(out)
-    acks, events = out.member("ack"), out.member("events").member("e")
-    for k in range(n_ack):
-        yield "KC_ACK", _message("ack_t", acks.entry(k), t_us=t_us)
-    for k in range(n_event):
-        yield "KC_EVENT", _message("event_t", events.entry(k), t_us=t_us, seq=event_seq + k + 1)
+def messages(out: Place, counts: tuple[int, ...], t_us: int, event_seq: int) -> list[Message]:
+    """What flight publishes after a step, in its order. counts: of this step; t_us: its mission time;
+    event_seq: number of the last event before it."""
+    n_ack, _, *has, n_event = counts
+    found: list[Message] = []
+    if n_ack:
+        acks = out.member("ack")
+        found += (("KC_ACK", _message("ack_t", acks.entry(k), t_us)) for k in range(n_ack))
+    if n_event:
+        events = out.member("events").member("e")
+        for k in range(n_event):
+            event = _message("event_t", events.entry(k), t_us)
+            event.seq = event_seq + k + 1
+            found.append(("KC_EVENT", event))
     for (name, channel), there in zip(_OUTPUTS, has, strict=True):
         if there:
-            yield channel, _message(BY_NAME[channel].type, out.member(name), t_us=t_us)
+            found.append((channel, _message(BY_NAME[channel].type, out.member(name), t_us)))
+    return found
 
 
-def _message(type_name: str, struct: Place, /, t_us: int, **given: object) -> LcmMessage:
-    """A message of a struct. t_us: its time, if the struct has none."""
-    kind = _type(type_name)
-    message: LcmMessage = kind.__new__(kind)
-    layout = _found(struct.ctype, kind)
-    values = layout.read(struct)
-    for name, at in layout.at.items():
-        setattr(message, name, list(values[at]) if type(at) is slice else values[at])
-    for path, fields in _elsewhere(type_name).items():
-        inner = struct
+class _Reading:
+    """How a message is made of its struct: what is the same for all messages of a type."""
+
+    def __init__(self, type_name: str, ctype: Any) -> None:
+        self.kind: Any = message_type(type_name)
+        self.layout = _Layout(ctype, lambda name: name in self.kind.__slots__)
+        self.alike = [(name, self.layout.at[name], array) for name, array in self.layout.fields]
+        self.elsewhere = [self._kept(ctype, *group) for group in _elsewhere(type_name).items()]
+        self.zeros = _zeros(type_name)
+        self.stamped = _stamped(type_name)
+
+    @staticmethod
+    def _kept(ctype: Any, path: tuple[str, ...], fields: list[_Kept]) -> tuple[_Layout, int, list[_Made]]:
+        """An inner struct, where it is [bytes], and which of its values make which fields."""
+        inner = Place(ctype, None)
         for name in path:
             inner = inner.member(name)
-        layout = _whole(inner.ctype)
-        values = layout.read(inner)
+        layout, made = _whole(inner.ctype), []
         for field in fields:
-            value = _listed(values[layout.at[field.kept]])
-            setattr(message, field.name, field.made(value if field.entry is None else value[field.entry]))
-    for name, value in {**_zeros(type_name), **given}.items():
-        setattr(message, name, _listed(value))
-    if _stamped(type_name):
-        message.t_us = t_us  # type: ignore[attr-defined]
+            at = layout.at[field.kept]
+            if field.entry is not None:
+                at = cast(slice, at).start + field.entry
+            made.append((field.name, at, field.made))
+        return layout, inner.offset, made
+
+
+_Made: TypeAlias = "tuple[str, int | slice, Callable[[Any], Any]]"
+_reading = cache(_Reading)
+
+
+def _message(type_name: str, struct: Place, t_us: int) -> Any:
+    """A message of a struct. t_us: its time, if the struct has none."""
+    reading = _reading(type_name, struct.ctype)
+    message = reading.kind.__new__(reading.kind)
+    values = reading.layout.read(struct)
+    for name, at, array in reading.alike:
+        setattr(message, name, list(values[at]) if array else values[at])
+    for layout, beyond, fields in reading.elsewhere:
+        values = layout.read(struct, beyond)
+        for name, at, made in fields:
+            setattr(message, name, made(_listed(values[at])))
+    for name, zeros in reading.zeros.items():
+        setattr(message, name, _listed(zeros))
+    if reading.stamped:
+        message.t_us = t_us
     return message
 
 
@@ -393,12 +455,3 @@ def _zeros(type_name: str) -> dict[str, object]:
 def _stamped(type_name: str) -> bool:
     """Whether a message gets its time when it is sent."""
     return "edge" in _words(type_name)["t_us"]
-
-
-_type = cache(message_type)
-
-
-@cache
-def _found(ctype: Any, kind: Any) -> _Layout:
-    """Fields of a struct that a message has too."""
-    return _Layout(ctype, lambda name: name in kind.__slots__)

@@ -48,7 +48,7 @@ class VelocityProfile:
         """Distance and speed at time t since the start (clamped to the end)."""
         s, v = 0.0, self.v0
         for a, length in self.pieces:
-            dt = min(max(t, 0.0), length)
+            dt = 0.0 if t < 0.0 else length if t > length else t
             s, v, t = s + v * dt + 0.5 * a * dt * dt, v + a * dt, t - length
         return s, v
 
@@ -111,7 +111,9 @@ class TrajectoryGenerator:
         each time; nobody changes them in place."""
         if self._at_rest:  # most of the time
             return self._start, self._no_speed, False
-        self._advance(t)
+        profile = self._profile
+        if profile is None or t - self._t_start >= profile.duration:
+            self._advance(t)
         if self._profile is not None:
             s, v = self._profile.at(t - self._t_start)
             return self._start + s * self._unit, v * self._unit, True

@@ -10,7 +10,10 @@ from __future__ import annotations
 
 import atexit
 import os
+from copy import deepcopy
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
 # PyOpenGL chooses its back end at import.
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
@@ -54,6 +57,12 @@ class Config:
     detection: dict
 
 
+@lru_cache(maxsize=8)
+def _read(path: Path, _changed_ns: int) -> dict:
+    """Cached: each run in process asks for it."""
+    return read_toml(path)
+
+
 def load_config(
     spec: dict | None = None, optics: dict | None = None, detection: dict | None = None
 ) -> Config:
@@ -63,7 +72,8 @@ def load_config(
     setting, and ValueError if the pixels are not square: MuJoCo's frustum has one scale.
     """
     spec = spec or load_spec()
-    raw = read_toml(MODELS / "camera.toml")
+    path = MODELS / "camera.toml"
+    raw = deepcopy(_read(path, path.stat().st_mtime_ns))
     raw["optics"] |= optics or {}
     raw["detection"] |= detection or {}
     validate(OpticsFile, raw, "models/camera.toml")

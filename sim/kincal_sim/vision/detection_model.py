@@ -29,7 +29,7 @@ _REST_PX = 0.02
 # Points of a tag, in units of its printed half edge (white border included), that must all be in sight.
 _RING = np.array([[x, y, 0.0] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 _PRINT = CELLS / BLACK_CELLS
-_UPPER = np.triu_indices(6)
+_UPPER = np.ravel_multi_index(np.triu_indices(6), (6, 6))
 PoseAndCovariance = tuple[pnp.Pose, np.ndarray]
 
 
@@ -137,18 +137,18 @@ def _tag_fields(seen: list[Visible], corners: list[np.ndarray]) -> dict[str, Any
 
 def _pose_fields(K: np.ndarray, pose: pnp.Pose, cov: np.ndarray) -> dict[str, Any]:
     """Fields of a detection about the tool's pose."""
-    u, v, w = K @ pose.p_m
+    u, v, w = (K @ pose.p_m).tolist()
     return {
         "p_cam_tool_m": pose.p_m.tolist(),
         "q_cam_tool_wxyz": quaternion(pose.R).tolist(),
-        "cov": cov[_UPPER].tolist(),
+        "cov": cov.take(_UPPER).tolist(),
         "p_alt_m": pose.p_alt_m.tolist(),
         "q_alt_wxyz": quaternion(pose.R_alt).tolist(),
         "rms_px": pose.rms_px,
         "rms_alt_px": pose.rms_alt_px,
         "range_m": _length(pose.p_m),
-        "u_px": float(u / w),
-        "v_px": float(v / w),
+        "u_px": u / w,
+        "v_px": v / w,
     }
 
 
@@ -159,7 +159,7 @@ class DetectionModel:
     """
 
     def __init__(self, cfg: Config, model: mujoco.MjModel):
-        self.cfg, self.model = cfg, model
+        self.cfg, self.model, self._solver = cfg, model, pnp.Solver(cfg.K)
         # Of the frame before, by tag: corners without noise [px], noise that a resting scene repeats.
         self._before: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         # Of the frame before: where everything stood, and the tags in view.
@@ -181,7 +181,7 @@ class DetectionModel:
         if self.cfg.detection["noise"] == "isotropic":
             pose = _isotropic(self.cfg, np.linalg.inv(T_base_cam) @ T_base_tool, rng)
         else:
-            pose = _from_corners(self.cfg, seen, corners)
+            pose = self._from_corners(seen, corners)
         if pose is None:
             return _no_detection()
         return _tag_fields(seen, corners) | _pose_fields(self.cfg.K, *pose)
@@ -202,12 +202,28 @@ class DetectionModel:
         out = []
         for v in seen:
             old = before.get(v.tag.id)
-            rests = old is not None and np.abs(old[0] - v.corner_px).max() < _REST_PX
+            rests = old is not None and _at_rest(old[0], v.corner_px)
             repeated = old[1] if old is not None and rests else rng.standard_normal((4, 2))
             self._before[v.tag.id] = (v.corner_px, repeated)
             noise = repeats * repeated + differs * rng.standard_normal((4, 2))
             out.append(v.corner_px + sigma * noise)
         return out
+
+    def _from_corners(self, seen: list[Visible], corners: list[np.ndarray]) -> PoseAndCovariance | None:
+        """The pose that the detector finds; None if there is none in front of the camera."""
+        tags = [v.tag for v in seen]
+        solved = self._solver.solve(list(zip(tags, corners, strict=True)))
+        if solved is None:
+            return None
+        pose, information = solved
+        known_px, weight = self.cfg.detection["corner_sigma_px"], self.cfg.detection["corner_sigma_weight"]
+        sigma = pnp.corner_sigma(pose.rms_px, 4 * len(tags), known_px, weight)
+        return pose, pnp.covariance(information, sigma)
+
+
+def _at_rest(before_px: np.ndarray, now_px: np.ndarray) -> bool:
+    """Corners of a tag in two frames."""
+    return now_px is before_px or bool(np.abs(before_px - now_px).max() < _REST_PX)
 
 
 def _isotropic(cfg: Config, T_cam_tool: np.ndarray, rng: np.random.Generator) -> PoseAndCovariance | None:
@@ -217,15 +233,3 @@ def _isotropic(cfg: Config, T_cam_tool: np.ndarray, rng: np.random.Generator) ->
     p = T_cam_tool[:3, 3] + sp * rng.standard_normal(3)
     R = cv2.Rodrigues(sr * rng.standard_normal(3))[0] @ T_cam_tool[:3, :3]
     return pnp.Pose(R, p, 0.0, R, p, 0.0), np.diag([sp**2] * 3 + [sr**2] * 3)
-
-
-def _from_corners(cfg: Config, seen: list[Visible], corners: list[np.ndarray]) -> PoseAndCovariance | None:
-    """The pose that the detector finds; None if there is none in front of the camera."""
-    tags = [v.tag for v in seen]
-    solved = pnp.solve(cfg.K, list(zip(tags, corners, strict=True)))
-    if solved is None:
-        return None
-    pose, information = solved
-    known_px, weight = cfg.detection["corner_sigma_px"], cfg.detection["corner_sigma_weight"]
-    sigma = pnp.corner_sigma(pose.rms_px, 4 * len(tags), known_px, weight)
-    return pose, pnp.covariance(information, sigma)

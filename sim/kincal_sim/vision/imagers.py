@@ -74,7 +74,7 @@ def fast_imager(scenario: Scenario, arm: Arm, seed: int) -> Imager:
 
     def expose(exposure: Exposure) -> kcm.detection_t:
         fields = model.detect(arm.data, exposure.T_base_cam, exposure.T_base_tool, rng)
-        m = kcm.detection_t()
+        m = kcm.detection_t.__new__(kcm.detection_t)
         for name, value in fields.items():
             setattr(m, name, value)
         m.t_us, m.seq = exposure.t_us, exposure.seq

@@ -10,7 +10,9 @@ the camera frame.
 from __future__ import annotations
 
 import ctypes
+import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +21,8 @@ from kincal_shared.installation import built
 from . import tags
 
 LIBRARY = "libsim_native.so"
-_NATIVE = ctypes.CDLL(str(built(LIBRARY)))
+_PNP = ctypes.CDLL(str(built(LIBRARY))).ks_pnp
+_PNP.argtypes, _PNP.restype = (ctypes.c_uint32, *[ctypes.c_void_p] * 5), ctypes.c_uint32
 _POSE = 13  # doubles of a pose: attitude by rows, position, RMS
 SeenTag = tuple[tags.Tag, np.ndarray]  # and its corners (4, 2) [px]
 
@@ -50,7 +53,7 @@ def project(K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray) -> 
 def corner_sigma(rms_px: float, n_corners: int, known_px: float, weight: float) -> float:
     """Corner noise [px]: what is known beforehand, for `weight` residuals, and the residuals of this fit."""
     n = 2 * n_corners
-    return float(np.sqrt((weight * known_px**2 + n * rms_px**2) / (weight + n - 6.0)))
+    return math.sqrt((weight * known_px**2 + n * rms_px**2) / (weight + n - 6.0))
 
 
 def covariance(information: np.ndarray, sigma_px: float) -> np.ndarray:
@@ -58,19 +61,39 @@ def covariance(information: np.ndarray, sigma_px: float) -> np.ndarray:
     return np.linalg.inv(information) * sigma_px**2
 
 
-def solve(K: np.ndarray, seen: list[SeenTag]) -> tuple[Pose, np.ndarray] | None:
-    """One pose from all tags seen, and J'J (6x6) of their corners by position and rotation vector (in the
-    camera frame, on the left); None if no candidate lies in front.
+class _Room:
+    """What the library reads and writes for some number of tags, with the addresses of it."""
 
-    Each tag gives two plane poses (IPPE); each is refined on all corners together. The best is the answer,
-    the next one that differs from it is the alternative.
-    """
-    camera = np.array((K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
-    points = np.concatenate([tag.tool_corners_m for tag, _ in seen])
-    pixels = np.concatenate([px for _, px in seen])
-    poses, information = np.empty((2, _POSE)), np.empty((6, 6))
-    arrays = camera, points, pixels, poses, information
-    if not _NATIVE.ks_pnp(len(seen), *(ctypes.c_void_p(array.ctypes.data) for array in arrays)):
-        return None
-    (R, p, rms), (R_alt, p_alt, rms_alt) = ((x[:9].reshape(3, 3), x[9:12], float(x[12])) for x in poses)
-    return Pose(R, p, rms, R_alt, p_alt, rms_alt), information
+    def __init__(self, camera: np.ndarray, n_tags: int) -> None:
+        self.points, self.pixels = np.empty((n_tags, 4, 3)), np.empty((n_tags, 4, 2))
+        self.poses, self.information = np.empty((2, _POSE)), np.empty((6, 6))
+        self._camera = camera
+        arrays = camera, self.points, self.pixels, self.poses, self.information
+        self.call = partial(_PNP, n_tags, *(array.ctypes.data for array in arrays))
+
+
+class Solver:
+    """Solves for the poses of one camera (K). Not for two threads at once."""
+
+    def __init__(self, K: np.ndarray) -> None:
+        self._camera = np.array((K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+        self._rooms: dict[int, _Room] = {}
+
+    def solve(self, seen: list[SeenTag]) -> tuple[Pose, np.ndarray] | None:
+        """One pose from all tags seen, and J'J (6x6) of their corners by position and rotation vector (in
+        the camera frame, on the left); None if no candidate lies in front.
+
+        Each tag gives two plane poses (IPPE); each is refined on all corners together. The best is the
+        answer, the next one that differs from it is the alternative.
+        """
+        room = self._rooms.get(len(seen))
+        if room is None:
+            room = self._rooms[len(seen)] = _Room(self._camera, len(seen))
+        for k, (tag, px) in enumerate(seen):
+            room.points[k], room.pixels[k] = tag.tool_corners_m, px
+        if not room.call():
+            return None
+        best, other = room.poses.copy()
+        R, R_alt = best[:9].reshape(3, 3), other[:9].reshape(3, 3)
+        pose = Pose(R, best[9:12], float(best[12]), R_alt, other[9:12], float(other[12]))
+        return pose, room.information.copy()
