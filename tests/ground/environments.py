@@ -2,28 +2,33 @@
 that no network is needed."""
 
 import filecmp
-import json
 import os
 import re
 import subprocess
 import sys
 import zipfile
+from contextlib import contextmanager
 from importlib.metadata import distribution
 from importlib.util import cache_from_source
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 
+import preloaded
 from packaging.requirements import Requirement
 from places import ROOT
 
 
+def clean(**env):
+    """Variables of programs that know nothing of this tree."""
+    hidden = ("PYTHONPATH", "KINCAL_CORE", "PYTHONHOME")
+    return {k: v for k, v in os.environ.items() if k not in hidden} | env
+
+
 def child(*command, cwd, **env):
     """What a command does that knows nothing of this tree."""
-    hidden = ("PYTHONPATH", "KINCAL_CORE", "PYTHONHOME")
-    clean = {k: v for k, v in os.environ.items() if k not in hidden} | env
-    return subprocess.run(
-        [str(c) for c in command], cwd=cwd, env=clean, capture_output=True, text=True, timeout=600
-    )
+    words = [str(c) for c in command]
+    return subprocess.run(words, cwd=cwd, env=clean(**env), capture_output=True, text=True, timeout=600)
 
 
 def run(*command, cwd, **env):
@@ -124,33 +129,42 @@ def environment(home, wheel, extras=()):
     return home
 
 
-# As the program `kincal` does, each in a process of its own, forked where what most of them need is loaded
-# already, but nothing that an extra brings. Its answer goes to files NUMBER.out and NUMBER.err.
-RUNNER = """
-import gc, json, os, sys
-import scipy.stats
-import kincal.pages.review, kincal.review.decisions, kincal.workbench
-from kincal.cli import main
-answers, *calls = json.loads(sys.argv[1])
-gc.freeze()  # no child goes through what is loaded
-statuses = []
-for number, words in enumerate(calls):
-    pid = os.fork()
-    if pid == 0:
-        for stream, kind in ((1, "out"), (2, "err")):
-            os.dup2(os.open(f"{answers}/{number}.{kind}", os.O_WRONLY | os.O_CREAT), stream)
-        main(words, prog_name="kincal")
-        raise SystemExit("kincal returned")
-    statuses.append(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
-print(json.dumps(statuses))
-"""
+PRELOADED = Path(preloaded.__file__)
+COMMON = ("scipy.stats", "kincal.pages.review", "kincal.review.decisions", "kincal.workbench")
+SIMULATOR = ("kincal.run.fast", "kincal.space", "kincal.workbench.diagnosis")  # with their extras
 
 
-def forked(home, folder, answers, calls):
+@contextmanager
+def loaded(home, *modules, **env):
+    """A `kincal` of an environment that has loaded these modules: the socket at which it is asked."""
+    with TemporaryDirectory() as folder:
+        door = f"{folder}/door"
+        serve = [home / "bin" / "python", PRELOADED, "serve", door, *COMMON, *modules]
+        with subprocess.Popen(serve, cwd=folder, env=clean(**env), stdout=subprocess.PIPE) as process:
+            try:
+                assert process.stdout.readline() == b"listens\n"
+                yield door
+                preloaded.end(door)
+            except BaseException:
+                process.kill()
+                raise
+
+
+def as_function(home, door):
+    """`kincal` for shells, by way of their environment."""
+    return {"BASH_FUNC_kincal%%": f'() {{ {home}/bin/python -IS {PRELOADED} ask {door} "$@"; }}'}
+
+
+def forked(home, folder, answers, calls, *modules):
     """Status, output and messages of commands of `kincal`, run one after the other in a folder."""
-    said = run(home / "bin" / "python", "-c", RUNNER, json.dumps([str(answers), *calls]), cwd=folder)
-    return [
-        SimpleNamespace(returncode=status, stdout=out, stderr=err)
-        for number, status in enumerate(json.loads(said))
-        for out, err in [[(answers / f"{number}.{kind}").read_text() for kind in ("out", "err")]]
-    ]
+    done = []
+    with loaded(home, *modules) as door:
+        for number, words in enumerate(calls):
+            files = [answers / f"{number}.{kind}" for kind in ("out", "err")]
+            with open(os.devnull) as nothing, files[0].open("w") as out, files[1].open("w") as err:
+                streams = [stream.fileno() for stream in (nothing, out, err)]
+                status = preloaded.ask(door, words, folder, clean(), streams)
+            done.append(
+                SimpleNamespace(returncode=status, stdout=files[0].read_text(), stderr=files[1].read_text())
+            )
+    return done

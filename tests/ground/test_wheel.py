@@ -13,7 +13,7 @@ import numpy as np
 import poses
 import pytest
 from commands import FIGURES
-from environments import forked, run
+from environments import SIMULATOR, forked, run
 from places import ROOT
 
 from kincal.cli import main
@@ -155,12 +155,12 @@ def commands(group=main, prefix=""):
             yield f"{prefix}{name}"
 
 
-def called(home, user, answers, names):
+def called(home, user, answers, names, *modules):
     """name -> status, output and messages of each command, run one after the other in the user's folder."""
     tables = next(home.glob("lib/*/site-packages/kincal/_tree/tables"))
     (user / "new").mkdir(exist_ok=True)
     calls = [[*name.split(), *(word.format(tables=tables) for word in CALLS[name])] for name in names]
-    return dict(zip(names, forked(home, user, answers, calls), strict=True))
+    return dict(zip(names, forked(home, user, answers, calls, *modules), strict=True))
 
 
 def test_every_command_is_tried():
@@ -194,7 +194,7 @@ WITH_EXTRA = [n for n in WITH_EXTRA if n not in (*SLOW, "run", "campaign run")]
 
 @pytest.fixture(scope="module")
 def equipped(full, user, tmp_path_factory):
-    return called(full, user, tmp_path_factory.mktemp("full-answers"), WITH_EXTRA)
+    return called(full, user, tmp_path_factory.mktemp("full-answers"), WITH_EXTRA, *SIMULATOR)
 
 
 @pytest.mark.parametrize("name", WITH_EXTRA)
