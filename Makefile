@@ -214,7 +214,7 @@ wcet-search: $(BUILD)/rel/build.ninja $(BUILD)/count/build.ninja $(BUILD)/unity/
 
 # ---- lint ---------------------------------------------------------------------------------------------
 
-C_DIRS := fsw ground/native ground/quick sim/native sim/tagdet
+C_DIRS := fsw ground/native sim/native sim/tagdet
 C_ALL   = $(shell find $(C_DIRS) tests/unit tests/system tests/cross tests/fuzz -name '*.[ch]' -o -name '*.[ch]pp')
 
 .PHONY: lint lint-clang lint-tidy lint-cppcheck lint-misra lint-analyzer lint-format lint-direction lint-loops lint-requirements \

@@ -70,7 +70,7 @@ def tree(root: Path) -> Path:
         "sim/tagdet/frame.cpp": "extern const int kFrame;\nconst int kFrame = 0;\n",
         "tests/bench/wcet.c": "int main(void) { return 0; }\n",
         "tests/bench/wcet_search.c": "int main(void) { return 0; }\n",
-        "ground/quick/quick_crc.c": "",
+        "ground/native/quick_crc.c": "",
         "tests/unit/given_nothing.c": "",
         "tests/system/given_nothing.c": "",
         "tests/unit/test_kc_math.c": '#include "unity.h"\n#include "kc_math.h"\n'
