@@ -96,8 +96,7 @@ class World:
 
     def advance(self, now_us: int) -> None:
         """The first part of a step: time passes, and everything moves."""
-        if self._commands:
-            self.execute_commands(self.now_us if self.now_us is not None else now_us)
+        self.execute_commands(self.now_us if self.now_us is not None else now_us)
         self.now_us = now_us
         self.seq += 1
         t_s = now_us * 1e-6
@@ -146,7 +145,8 @@ class World:
         return "KC_SIM_TRUTH", self._sim_truth(self.settle(self._encoders, self.pantilt_rad))
 
     def execute_commands(self, t_us: int) -> None:
-        """Pass the commands that were received to the controllers, at this time."""
+        """Pass the commands that were received to the controllers, at this time. Called in every step: who
+        looks between steps begins here."""
         if not self._commands:
             return
         for channel, m in sorted(self._commands, key=lambda c: (ORDER.index(c[0]), c[1].seq)):
