@@ -45,15 +45,16 @@ def test_import_alone_is_light():
 
 
 @pytest.mark.parametrize(
-    ("start", "without"),
+    ("start", "loaded", "without"),
     [
-        ("from kincal.cli import main; main(['review', '--help'], standalone_mode=False)",
+        ("from kincal.cli import main; main(['review', '--help'], standalone_mode=False)", "kincal.review",
          {"scipy", "pycparser", "kincal.workbench"}),
-        ("import kincal.campaign.worker", {"scipy.stats", "pycparser", "kincal.workbench"}),
+        ("import kincal.campaign.worker", "kincal.campaign", {"mujoco", "kincal.run", "kincal.workbench"}),
+        ("import kincal.run.dispersed", "mujoco", {"scipy.stats", "pycparser", "kincal.workbench"}),
     ],
 )  # fmt: skip
-def test_what_takes_long_to_load_waits_until_it_is_needed(start, without):
-    ask = f"print(sorted({without} & sys.modules.keys()), 'kincal.review' in sys.modules)"
+def test_what_takes_long_to_load_waits_until_it_is_needed(start, loaded, without):
+    ask = f"print(sorted({without} & sys.modules.keys()), '{loaded}' in sys.modules)"
     code = f"import sys; {start}; {ask}"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert said.stdout.splitlines()[-1] == "[] True", said.stderr
