@@ -26,6 +26,8 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "campaign": ("pyarrow", "distributed", "SALib"),
 }
 
+SIMULATOR_LIBRARY = "libsim_native.so"  # of built()
+
 
 def root() -> Path:
     """The folder that holds sim/, tables/ and build/: what the wheel brought, or the source tree."""

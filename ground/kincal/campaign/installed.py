@@ -19,13 +19,14 @@ def software() -> dict[str, str]:
     simulator with its models, the libraries that compute in it."""
     of_kincal, of_simulator, of_schema = (_folder(name) for name in ("kincal", "kincal_sim", "kincal_shared"))
     models = installation.root() / "sim" / "models"
+    library = installation.built(installation.SIMULATOR_LIBRARY)
     return {
         "kincal": import_module("kincal").__version__,  # no import that layers would see: it is above
         "flight": f"{zlib.crc32(library_file('flight').read_bytes()):08x}",
         "ground": f"{zlib.crc32(library_file('ground').read_bytes()):08x}",
         "code": _hash(*(of_kincal / name for name in ("run", "flight", "campaign")), of_schema),
         "simulator": _hash(of_simulator, models),
-        "simulator library": f"{zlib.crc32(installation.built('libsim_native.so').read_bytes()):08x}",
+        "simulator library": f"{zlib.crc32(library.read_bytes()):08x}",
         "python": platform.python_version(),
         "machine": platform.machine(),
         **{name: importlib.metadata.version(name) for name in ("mujoco", "numpy", "scipy")},

@@ -16,12 +16,11 @@ from functools import partial
 
 import numpy as np
 
-from kincal_shared.installation import built
+from kincal_shared.installation import SIMULATOR_LIBRARY, built
 
 from . import tags
 
-LIBRARY = "libsim_native.so"
-_PNP = ctypes.CDLL(str(built(LIBRARY))).ks_pnp
+_PNP = ctypes.CDLL(str(built(SIMULATOR_LIBRARY))).ks_pnp
 _PNP.argtypes, _PNP.restype = (ctypes.c_uint32, *[ctypes.c_void_p] * 5), ctypes.c_uint32
 _POSE = 13  # doubles of a pose: attitude by rows, position, RMS
 SeenTag = tuple[tags.Tag, np.ndarray]  # and its corners (4, 2) [px]
