@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from functools import partial
 
+import mpmath
 import numpy as np
 import poses
 import pytest
@@ -19,7 +20,7 @@ from kincal.flight import library as build
 from kincal.workbench.diagnosis import additions, unnamed_effects
 from kincal.workbench.evidence import bayes_factors, scoring
 from kincal.workbench.fit.columns import Columns
-from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.fit.least_squares import fit_model, taken_by
 from kincal.workbench.model.flight_model import flight_model
 from kincal.workbench.model.uplink import term_table
 from kincal.workbench.numerics.distributions import rank_sum_p
@@ -128,6 +129,20 @@ def test_distance_of_a_ridge_fit_is_that_of_the_covariance_of_its_rows():
     ]
     got = scoring._ridge_distance(columns, z, weight, scale, c)
     assert got == pytest.approx(np.array(d2) / weight, rel=1e-6)
+
+
+@pytest.mark.parametrize("widest", [1.0, 1e5, 1e9])
+def test_hat_matrix_of_rows_near_dependence_is_exact_but_for_rounding(widest):
+    """Where squares keep no digit, at 1e9, too; against 60 digits."""
+    rng = np.random.default_rng(6)
+    rows = rng.normal(size=(60, 8)) * np.geomspace(1e-3, widest, 8)
+    rows[:, 7] = rows[:, 6] + rng.normal(size=60)
+    with mpmath.workdps(60):
+        a = mpmath.matrix(rows.tolist())
+        hat = a * (a.T * a + mpmath.eye(8)) ** -1 * a.T
+        exact = np.array([[float(hat[i, j]) for j in range(60)] for i in range(60)])
+    taken = taken_by(rows)
+    assert np.abs(taken @ taken.T - exact).max() < 1e-13 + 1e-15 * widest
 
 
 @pytest.mark.parametrize(("n", "m"), [(3, 100), (100, 3), (8, 9), (8, 40), (9, 40), (30, 200)])

@@ -9,7 +9,7 @@ A fit is: prepare the `Problem`, `_iterate` (step, then reweight) until nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -41,6 +41,9 @@ _ROUGH_COST = 1e-3  # the same for a fit that only tells the noise
 _STRAIGHT, _PROBE = 1e-2, 0.1  # prior sigmas of a step too short to bend; share of a step that is probed
 _LEAST_SCALE2 = 1e-6
 _LEAST_LEFT = 1e-9  # share of a row that a fit leaves
+_NEARLY_ORTHOGONAL = (
+    5 / 64
+)  # norm of Q'Q - I up to which a second pass makes Q orthogonal (Yamamoto, theorem 3.1)
 # Free effect parameters carry this many prior sigmas when their value is reported.
 EFFECT_WIDTH = 10.0
 # Stand-in noise where nothing was stated; the fitted scale replaces it, for poses the residuals' covariance.
@@ -60,8 +63,6 @@ _SAME_PROPORTIONS = 0.2
 
 Frames = tuple[Pose, Pose]
 """Base and tool frame."""
-Distance = Callable[[Array, Array], Array]
-"""As `distance_beside`."""
 
 
 # ------------------------------------------------------------------------------------------- results
@@ -326,18 +327,13 @@ def distance_beside(z: Array, hat: Array) -> Array:
     """(N,) d_i^2 = z_i' (I - H_ii)^-1 z_i for residuals z (N, c) and blocks of a hat matrix (N, c, c).
 
     No share of a row that is left counts as less than `_LEAST_LEFT`: below it there is rounding only."""
-    value, vector = np.linalg.eigh(np.eye(z.shape[1]) - hat)
-    along = (vector.transpose(0, 2, 1) @ z[:, :, None])[:, :, 0]
-    return array((along**2 / np.maximum(value, _LEAST_LEFT)).sum(axis=1))
-
-
-def quick_distance_beside(z: Array, hat: Array) -> Array:
-    """The same to rounding, in a third of the time where no share is as small as `_LEAST_LEFT`."""
     one = np.eye(z.shape[1])
     try:
         np.linalg.cholesky((1.0 - _LEAST_LEFT) * one - hat)
-    except np.linalg.LinAlgError:
-        return distance_beside(z, hat)
+    except np.linalg.LinAlgError:  # some share is as small; this takes three times as long
+        value, vector = np.linalg.eigh(one - hat)
+        along = (vector.transpose(0, 2, 1) @ z[:, :, None])[:, :, 0]
+        return array((along**2 / np.maximum(value, _LEAST_LEFT)).sum(axis=1))
     return array((z * np.linalg.solve(one - hat, z[:, :, None])[:, :, 0]).sum(axis=1))
 
 
@@ -346,31 +342,32 @@ def _solve(
     start: Array,
     robust: bool,
     same_cost: float = _SAME_COST,
-    distance: Distance = distance_beside,
+    weight: Array | None = None,
 ) -> _Iterate:
-    """Iterate until no step lowers the cost or neither cost nor weights change any more."""
+    """Iterate until no step lowers the cost or neither cost nor weights change any more; `weight`: (N,) of
+    poses, where another fit has found them."""
     now = _Iterate(
         problem=problem,
         point=problem.linearised(start),
-        weights=_Weights(np.ones(problem.data.n), 1.0),
+        weights=_Weights(np.ones(problem.data.n) if weight is None else weight, 1.0),
         damping=_FIRST_DAMPING,
         converged=len(problem.names) == 0,
     )
     for number in range(_MAX_ITERATIONS):
         if now.converged:
             break
-        now = _iterate(now, robust, same_cost, distance, first=number < 2)
+        now = _iterate(now, robust, same_cost, first=number < 2)
     return now
 
 
-def _iterate(now: _Iterate, robust: bool, same_cost: float, distance: Distance, first: bool) -> _Iterate:
+def _iterate(now: _Iterate, robust: bool, same_cost: float, first: bool) -> _Iterate:
     """One accepted step, and what follows from it; `first`: weights have not settled yet."""
     problem = now.problem
     step = _step(problem, now, same_cost)
     if step is None:  # no step lowers the cost: at the minimum to rounding
         return replace(now, converged=True)
     point = problem.linearised(step.coef)
-    weights = _reweight(point, problem.sigma, now.weights, robust, distance)
+    weights = _reweight(point, problem.sigma, now.weights, robust)
     steady = float(np.abs(weights.pose - now.weights.pose).max()) < _SAME_WEIGHT
     narrowed = _narrowed(problem, point, weights)
     if narrowed is not problem:
@@ -457,14 +454,14 @@ def _cost(z: Array, coef: Array, sigma: Array, weights: _Weights) -> float:
     return float(data + ((coef / sigma) ** 2).sum())
 
 
-def _reweight(point: _Point, sigma: Array, old: _Weights, robust: bool, distance: Distance) -> _Weights:
+def _reweight(point: _Point, sigma: Array, old: _Weights, robust: bool) -> _Weights:
     """Noise scale s and pose weights by d^2 / s^2, d^2 = z'(I - H)^-1 z."""
     n, c = point.z.shape
     hat, spent = _leverage(point.jac, sigma, old.pose, 1.0)
     if not robust:
         square = float((old.pose[:, None] * point.z**2).sum())
         return _Weights(np.ones(n), max(square / max(n * c - spent, 1.0), _LEAST_SCALE2))
-    d2 = distance(point.z, hat)
+    d2 = distance_beside(point.z, hat)
     # the bulk sets the scale: outliers must not hide behind the noise they make themselves
     scale2 = max(float(np.median(d2) / chi2_quantile(0.5, c)), _LEAST_SCALE2)
     return _Weights(_pose_weights(d2 / scale2, c), scale2)
@@ -502,13 +499,21 @@ def _leverage(jac: Array, sigma: Array, weight: Array, scale2: float) -> tuple[A
 def taken_by(rows: Array) -> Array:
     """(rows, k) Q with QQ' = A (A'A + I)^-1 A', the hat matrix of a ridge fit with rows A.
 
-    By orthogonal transformations of A above the rows I of the prior (Golub, Van Loan, Matrix Computations,
-    4th ed., section 5.3), so that no block of QQ' exceeds 1 by more than rounding. Squares A'A lose half the
-    digits: where few poses leave next to no noise, blocks of 1.01 made squared distances, and so weights,
-    negative."""
-    k = rows.shape[1]
-    basis, _ = np.linalg.qr(np.vstack([rows, np.eye(k)]))
-    return array(basis[: len(rows)])
+    By a QR factorisation of A above the rows I of the prior, so that no block of QQ' exceeds 1 by more than
+    rounding. Squares A'A alone lose half the digits: where few poses leave next to no noise, blocks of 1.01
+    made squared distances, and so weights, negative. Columns that squares leave nearly orthogonal are made so
+    to rounding by a second pass (CholeskyQR2: Yamamoto and others, ETNA 44, 2015), in half the time of
+    orthogonal transformations (Golub, Van Loan, Matrix Computations, 4th ed., 5.3), which do the others."""
+    one = np.eye(rows.shape[1])
+    try:
+        prior = np.linalg.inv(np.linalg.cholesky(rows.T @ rows + one)).T
+        basis = rows @ prior
+        square = basis.T @ basis + prior.T @ prior
+        if float(np.abs(square - one).max(initial=0.0)) * len(one) < _NEARLY_ORTHOGONAL:
+            return array(basis @ np.linalg.inv(np.linalg.cholesky(square)).T)
+    except np.linalg.LinAlgError:
+        pass
+    return array(np.linalg.qr(np.vstack([rows, one]))[0][: len(rows)])
 
 
 # -------------------------------------------------------------------------------------------- finish
@@ -536,14 +541,14 @@ def fit_model(
     problem = Problem.prepare(arm, data, hypotheses, dh=dh, frames=frames, effect_width=effect_width)
     at = problem.start(start or {})
     if rough:
-        return _finish(_solve(problem, at, robust, _ROUGH_COST, quick_distance_beside), quick_distance_beside)
+        return _finish(_solve(problem, at, robust, _ROUGH_COST))
     if not noise_is_unknown(data):
         return _finish(_solve(problem, at, robust))
     last = _solve(problem, at, robust, _ROUGH_COST)
     newer = _whitener_of(last)
     for _ in range(_WHITENINGS if data.n > len(problem.names) else 1):
         used = newer
-        last = _solve(replace(problem, whiten=used), last.point.coef, robust)
+        last = _solve(replace(problem, whiten=used), last.point.coef, robust, weight=last.weights.pose)
         newer = _whitener_of(last)
         if _change_of_proportions(used[0], newer[0]) < _SAME_PROPORTIONS:
             break
@@ -571,7 +576,7 @@ def _whitener_of(last: _Iterate) -> Array:
     return np.tile(np.linalg.inv(np.linalg.cholesky(cov + np.diag(least))), (len(r), 1, 1))
 
 
-def _finish(last: _Iterate, distance: Distance = distance_beside) -> Fit:
+def _finish(last: _Iterate) -> Fit:
     """Noise scale, covariance and distances at the end of an iteration."""
     problem = last.problem
     n, c = last.point.z.shape
@@ -602,7 +607,7 @@ def _finish(last: _Iterate, distance: Distance = distance_beside) -> Fit:
         z=last.point.z.ravel(),
         J=last.point.jac.reshape(n * c, -1),
         weight=pose,
-        d2=distance(last.point.z, hat) / scale**2,
+        d2=distance_beside(last.point.z, hat) / scale**2,
         dof=dof,
         scale=scale,
         chi2=chi2,
