@@ -49,16 +49,20 @@ class Count:
         self.known = reviewed()
         self.found: Counter[str] = Counter()
 
+    def verdict(self, mutant: Mutant, function: str, source: str) -> str:
+        """What the reviewed list says of a mutant; "" if it is not there."""
+        row = self.known.get((mutant.path, function, *mutant.lines(source)))
+        return row["verdict"] if row else ""
+
     def add(self, mutant: Mutant, function: str, source: str, killed: bool) -> None:
         """Count a mutant, and print it if it is alive."""
         if killed:
             self.found["killed"] += 1
             return
         before, after = mutant.lines(source)
-        row = self.known.get((mutant.path, function, before, after))
-        self.found[row["verdict"] if row else "new"] += 1
-        verdict = row["verdict"] if row else "NOT KILLED"
-        print(f"  {verdict}: {mutant.path}:{mutant.line(source)}, {function}")
+        verdict = self.verdict(mutant, function, source)
+        self.found[verdict or "new"] += 1
+        print(f"  {verdict or 'NOT KILLED'}: {mutant.path}:{mutant.line(source)}, {function}")
         print(f"    - {before}\n    + {after}", flush=True)
 
     @property
