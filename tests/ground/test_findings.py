@@ -174,6 +174,19 @@ def test_verdict_and_star_name_only_what_is_shown_to_help(found):
 
 
 @pytest.mark.parametrize(
+    ("known", "structured", "said"),
+    [(None, False, "More than noise of equal size is left, but these data do not determine what it is: "),
+     (None, True, "Something is missing, but"), (1e-9, False, "Something is missing, but")],
+)  # fmt: skip
+def test_noise_that_is_larger_at_some_poses_may_be_all_that_is_left(known, structured, said):
+    """ "Something is missing" was said of joints whose readings are noisier than the pose sensor."""
+    c = SimpleNamespace(p_lack_of_fit=known, structured=structured, outliers=Outliers((), 60), kept_back=None,
+                        turned=None, alike=None)  # fmt: skip
+    d = SimpleNamespace(comparison=c, effects=(), novel=None, serial=None, verdict="undecidable")
+    assert explain.verdict(d).startswith(said)
+
+
+@pytest.mark.parametrize(
     ("explains", "outliers", "serial", "said"),
     [(True, 0, None, "These data show no missing effect."),
      (True, 3, None, "These data show no missing effect, apart from 3 outliers."),

@@ -7,7 +7,8 @@ import poses
 import pytest
 
 from kincal import workbench as wb
-from kincal.workbench.data.direction import in_random_order, last_moves, with_direction
+from kincal.workbench.data.direction import in_random_order, last_moves, least_moves, with_direction
+from kincal.workbench.data.measurements import SAME_POSE
 from kincal.workbench.data.readers import read_measurements
 from kincal.workbench.evidence.adequacy import find_outliers
 from kincal.workbench.fit.least_squares import fit_model
@@ -25,6 +26,44 @@ def said(data):
 def test_the_sign_of_the_last_move_and_the_one_before_it_where_a_joint_rests():
     q = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 0.2], [0.5005, 0.2], [0.1, 0.9]])
     np.testing.assert_array_equal(last_moves(q), [[0, 0], [1, 0], [1, -1], [1, -1], [-1, 1]])
+
+
+def idle(rng, count, jitter):
+    """(N, 7) where joints are, of which two in three stay at each pose; their readings, which jitter where
+    they stay."""
+    moved = rng.random((count, 7)) < 0.35
+    last = np.maximum.accumulate(np.where(moved, np.arange(count)[:, None], 0), axis=0)
+    q = np.take_along_axis(rng.uniform(-2, 2, (count, 7)), last, axis=0)
+    return q, q + jitter * rng.normal(size=q.shape) * ~moved
+
+
+@pytest.mark.parametrize("jitter", [1e-3, 2e-3, 3e-3])
+def test_a_joint_that_stays_keeps_its_side_however_its_readings_jitter(jitter):
+    """The side of a third of such poses was that of their noise."""
+    rng = np.random.default_rng(5)
+    wrong = [
+        (last_moves(q) != last_moves(readings))[10:].mean()
+        for q, readings in (idle(rng, 120, jitter) for _ in range(5))
+    ]
+    assert np.mean(wrong) < 0.02
+
+
+def slow_walk(rng):
+    """Steps of some milliradians, in random directions, between long ones."""
+    return np.repeat(rng.uniform(-2, 2, (30, 7)), 4, axis=0) + np.cumsum(
+        3e-3 * rng.normal(size=(120, 7)), axis=0
+    )
+
+
+def anywhere(rng):
+    return rng.uniform(-2, 2, (100, 7))
+
+
+@pytest.mark.parametrize(("poses_of", "most"), [(slow_walk, 0.1), (anywhere, 0.0)])
+def test_small_moves_that_do_not_go_back_are_no_jitter(poses_of, most):
+    rng = np.random.default_rng(6)
+    least = np.array([least_moves(poses_of(rng)) for _ in range(20)])
+    assert (least > SAME_POSE).mean() <= most
 
 
 def test_times_give_the_order_where_rows_do_not():

@@ -289,6 +289,26 @@ def test_jitter_of_a_joint_that_stays_does_not_make_settling_of_backlash(arm, li
     assert ("backlash[3]" in found.confounded_with) != settles
 
 
+def idle(rng, count):
+    """Joints of which two in three stay at each pose: where they are, their readings, off by two milliradians
+    where they stay, and the side of the last move of each."""
+    moved = rng.random((count, 7)) < 0.35
+    last = np.maximum.accumulate(np.where(moved, np.arange(count)[:, None], 0), axis=0)
+    q = np.take_along_axis(random_joints(rng, count), last, axis=0)
+    side = np.take_along_axis(signs(q), last, axis=0)
+    return q, q + 2e-3 * rng.normal(size=q.shape) * ~moved, side
+
+
+@pytest.mark.parametrize("loose", [0.0, 2e-3])
+def test_readings_that_jitter_beyond_a_pose_make_no_backlash(arm, library, loose):
+    """Their noise decided the sides: `backlash` of up to five joints, P = .8, that the arm did not have."""
+    rng = np.random.default_rng(2)
+    q, readings, side = idle(rng, 120)
+    data = measured(rng, readings, q - readings + loose * of_joint_2(side))
+    found = [e.name for e in wb.diagnose(arm, with_direction(data), library).effects if e.in_model]
+    assert found == (["backlash[2]"] if loose else [])
+
+
 # --------------------------------------------------------------------------- where it does not carry over
 
 

@@ -15,6 +15,12 @@ _DISTINCT = 0.9  # share of different values from which on a sorted column is no
 _RANDOM = 0.8  # of the mean square of steps, in units of its mean for a random order
 _TURNS = 0.25  # of the moves: another joint that turns back so often was not led by the sorted one
 _ELSEWHERE = 0.1  # of the moves against the recorded direction: the arm went by other points between
+# Jitter: a joint's moves are of two sizes, hardly any of them in between, and the small ones go back.
+_SMALL = SAME_POSE * np.geomspace(1.0, 7.5, 16)  # [rad or m] that small ones may reach
+_TIMES = 3.0  # times that: what lies in between
+_FEW_BETWEEN = 0.05  # of the small ones
+_LEAST_OF_EACH = 0.1  # share of the moves that are small, and that are larger than those in between
+_GOES_BACK = -0.25  # correlation of consecutive small ones: -0.5 of jitter, 0 of steps in any direction
 
 
 def with_direction(data: Measurements) -> Measurements:
@@ -35,6 +41,32 @@ def with_direction(data: Measurements) -> Measurements:
     return _with_moves(inferred)
 
 
+def least_moves(q: Array) -> Array:
+    """(n,) [rad or m] by how much the readings of each joint differ at least where it has moved: `SAME_POSE`,
+    or more where those of a joint at rest jitter. q: (N, n) readings in the order of measurement."""
+    return np.array([_least_move(moves) for moves in np.diff(q, axis=0).T])
+
+
+def _least_move(moves: Array) -> float:
+    size = np.abs(moves)
+    found = [(between, small) for small in _SMALL if (between := _between(size, small)) is not None]
+    _, small = min(found, default=(0, SAME_POSE))
+    rests = size <= small
+    again = rests[1:] & rests[:-1]
+    product = (moves[1:] * moves[:-1])[again].sum()
+    if small == SAME_POSE or product > _GOES_BACK * (moves[rests] ** 2).mean() * again.sum():
+        return SAME_POSE
+    return float(np.sqrt(_TIMES) * small)
+
+
+def _between(size: Array, small: float) -> int | None:
+    """Number of moves between small ones and large ones; None if these are not two kinds."""
+    rests, goes = size <= small, size > _TIMES * small
+    between = int((~rests & ~goes).sum())
+    two = min(rests.mean(), goes.mean()) >= _LEAST_OF_EACH and between <= _FEW_BETWEEN * rests.sum()
+    return between if two else None
+
+
 def _with_moves(data: Measurements) -> Measurements:
     """The data with each joint's last move, unless their order tells none, or recorded directions say that
     the arm came from elsewhere than the pose before. A single move against them is unknown: 0."""
@@ -44,8 +76,9 @@ def _with_moves(data: Measurements) -> Measurements:
     move = np.empty_like(data.q)
     move[order] = changes(data.q[order])
     if data.direction_source != "inferred" and data.direction is not None:
-        against = (data.direction * move < 0.0) & (np.abs(move) > SAME_POSE)
-        if against.sum() > _ELSEWHERE * (np.abs(move) > SAME_POSE).sum():
+        moved = np.abs(move) > least_moves(data.q[order])
+        against = (data.direction * move < 0.0) & moved
+        if against.sum() > _ELSEWHERE * moved.sum():
             return data
         move[against] = 0.0
     return replace(data, move=move)
@@ -71,23 +104,23 @@ def _by_time(data: Measurements) -> Indices:
     return np.arange(data.n) if data.t_s is None else np.argsort(data.t_s, kind="stable")
 
 
-def last_moves(q: Array, tol: float = SAME_POSE) -> Array:
+def last_moves(q: Array) -> Array:
     """(N, n) sign of each joint's last move before each pose; q: (N, n) readings in the order of measurement.
 
-    A move below `tol` [rad or m] keeps the sign before it; 0 until a joint has moved.
+    A joint that has not moved keeps the sign before; 0 until it has moved.
     """
     moves = np.diff(q, axis=0, prepend=q[:1])
-    sign = np.where(np.abs(moves) > tol, np.sign(moves), 0.0)
+    sign = np.where(np.abs(moves) > least_moves(q), np.sign(moves), 0.0)
     last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(q))[:, None], 0), axis=0)
     return np.take_along_axis(sign, last, axis=0)
 
 
-def changes(q: Array, tol: float = SAME_POSE) -> Array:
+def changes(q: Array) -> Array:
     """(N, n) change of each joint from the pose before [rad or m]; q: (N, n) readings in the order of
-    measurement. Readings of one pose, which agree within `tol`, keep that of the first; 0 before any move.
+    measurement. Readings of one pose, where no joint has moved, keep that of the first; 0 before any move.
     """
     moves = np.diff(q, axis=0, prepend=q[:1])
-    moved = (np.abs(moves) > tol).any(axis=1)
+    moved = (np.abs(moves) > least_moves(q)).any(axis=1)
     last: Array = moves[np.maximum.accumulate(np.where(moved, np.arange(len(q)), 0))]
     return last
 

@@ -508,7 +508,8 @@ def _verdict(d: Diagnosis) -> str:
     if d.verdict == "undecidable" and (one := _one_of(d)):
         return f"{one}: {with_them}."
     if d.verdict == "undecidable":
-        return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
+        more = with_them or _closest(d)
+        return f"{_more_than_noise(d, shown)}, but these data do not determine what it is: {more}."
     if d.verdict == "novel" and d.novel is not None:
         what = "Something is missing that no effect in the library describes"
         found = f"{what}: {unnamed(d.novel)}{_as_function(d.novel)}"
@@ -520,11 +521,19 @@ def _verdict(d: Diagnosis) -> str:
         none = "no effect that helps is likely to be the cause" if any(e.helps for e in taken) else (
             "no effect is shown to help"
         )  # fmt: skip
-        return f"Something is missing, but {none}: {with_them}."
+        return f"{_more_than_noise(d, shown)}, but {none}: {with_them}."
     if shown == accepted:
         with_them = _with("it" if len(shown) == 1 else "them", open_, d)
     named = [_with_others(e, d) for e in taken if e.name in accepted]
     return f"Consistent with {listed(named)}: {with_them}."
+
+
+def _more_than_noise(d: Diagnosis, shown: Sequence[str]) -> str:
+    """That something is missing, where that is sure: evidence alone takes noise that is larger at some poses
+    (of joints far from the tool, say) for something missing. shown: effects that are shown to help."""
+    c = d.comparison
+    sure = c.p_lack_of_fit is not None or c.structured or c.outliers.clusters or c.kept_back is not None
+    return "Something is missing" if shown or sure else "More than noise of equal size is left"
 
 
 def _one_of(d: Diagnosis) -> str:
