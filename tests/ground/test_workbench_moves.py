@@ -244,6 +244,16 @@ def test_a_joint_that_settles_beside_a_sensor_that_lags_is_not_all_joints(arm, l
     assert abs(found["joint_settling[2]"].parameters[0].value - k) < 1e-3
 
 
+def test_two_joints_that_settle_beside_a_sensor_that_lags_are_not_all_joints(arm, library):
+    """It was "these data do not determine what", with `joint_settling` of all joints."""
+    rng = np.random.default_rng(22)
+    q = slow_walk(rng, 120)
+    error = np.zeros(q.shape)
+    error[:, [1, 3]] = changes(q)[:, [1, 3]] * [-6e-3, 5e-3]
+    d = wb.diagnose(arm, lagging(measured(rng, q, error), 4e-3), library)
+    assert {e.name for e in d.effects if e.in_model} == {"measurement_lag", "joint_settling[2,4]"}
+
+
 def test_joints_that_settle_by_different_shares_are_no_lag(arm, library):
     rng = np.random.default_rng(21)
     q = slow_walk(rng, 120)

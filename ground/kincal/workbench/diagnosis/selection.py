@@ -6,19 +6,22 @@ Every function takes a `Study` and a frozen `State` (or a model) and returns a n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import islice
 
 import numpy as np
 
+from ..evidence.scoring import Scorer
 from ..model.effects import Hypothesis
+from ..model.hypotheses import joints_of, merged_if_several
 from .guard import without_doubtful
 from .posterior import ACCEPT_ODDS, Posterior
 from .predictive import helpful
 from .states import Grids, Kept, Selection, Settled, State
 from .study import Model, Study
+from .subsets import fewest_joints
 
 MAX_EFFECTS = 12  # bounds the work; before it, the poses limit the coefficients (Study.room)
 _SETTLE_MAX = 4
@@ -82,20 +85,43 @@ def _taken(state: State, h: Hypothesis) -> State:
 
 
 def with_settled(study: Study, state: State, h: Hypothesis) -> State:
-    """The model with an effect that wins. Several joints that settle: what all have alike and one joint in
-    their place where that explains more with fewer coefficients: a lagging sensor is no error of joints."""
+    """The model with an effect that wins. Several joints that settle: what all have alike, and half as many
+    joints at most, in the place of those that are needed, where that explains more with fewer coefficients: a
+    lagging sensor is no error of joints."""
     if len(h.parameters) < _SEVERAL or not h.of_last_move:
         return _taken(state, h)
     posterior = study.posterior(state.model)
     lone = [s.best for s in posterior.scored if s.best.of_last_move and len(s.best.parameters) == 1]
     of_all = [x for x in lone if len(x.parameters[0].terms) > 1]
-    pairs = [(x, one) for x in of_all for one in lone if len(one.parameters[0].terms) == 1]
-    both = [replace(x, parameters=x.parameters + one.parameters) for x, one in pairs]
-    [instead_of, *ln_bf] = (ln for _, ln in posterior.scorer.hypotheses([h, *both]))
-    best = max(range(len(pairs)), key=lambda k: ln_bf[k], default=None)
-    if best is None or ln_bf[best] < instead_of + math.log(ACCEPT_ODDS):
+    of_one = [x for x in lone if len(x.parameters[0].terms) == 1]
+    several = fewest_joints(posterior.scorer, h) or h
+    [(_, instead_of)] = posterior.scorer.hypotheses([several])
+    found = [_with_few(study, posterior.scorer, x, of_one, len(several.parameters) // 2) for x in of_all]
+    best, models = max(found, key=lambda one: one[0], default=(-math.inf, ()))
+    if best < instead_of + math.log(ACCEPT_ODDS):
         return _taken(state, h)
-    return reduce(_taken, pairs[best], state)
+    return reduce(_taken, models, state)
+
+
+def _with_few(
+    study: Study, scorer: Scorer, whole: Hypothesis, of_one: Sequence[Hypothesis], most: int
+) -> tuple[float, Model]:
+    """An effect of all joints, and one of single joints at those that explain most beside it, one after
+    another, further ones only where the odds are for them: ln Bayes factor and both effects."""
+    ln_bf, now, joints = -math.inf, whole, list[Hypothesis]()
+    while len(joints) < most and (others := [x for x in of_one if x not in joints]):
+        tried = [replace(now, parameters=now.parameters + x.parameters) for x in others]
+        scored = [ln for _, ln in scorer.hypotheses(tried)]
+        k = int(np.argmax(scored))
+        if joints and scored[k] < ln_bf + math.log(ACCEPT_ODDS):
+            break
+        ln_bf, now, joints = scored[k], tried[k], [*joints, others[k]]
+    if not joints:
+        return ln_bf, ()
+    joints.sort(key=lambda x: joints_of(x.name))
+    effect = study.library.effects[joints[0].effect]
+    places = ",".join(str(j) for x in joints for j in joints_of(x.name))
+    return ln_bf, (whole, merged_if_several(effect, joints, f"{effect.name}[{places}]"))
 
 
 def settle(study: Study, state: State, h: Hypothesis) -> Settled:
