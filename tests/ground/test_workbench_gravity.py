@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import poses
 import pytest
+from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.workbench.fit.columns import Columns
@@ -28,18 +29,25 @@ def measure(tmp_path, n, seed, true_q=None, **more):
     return wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", n, seed, true_q, **more), 7)
 
 
-def torques(q):
-    """(7,) gravity torques of the WAM's true masses, written out: no code of KinCal takes part."""
-    T, axes, origins, weights = np.eye(4), [], [], []
+def weights(q):
+    """Of the WAM's true masses at joint angles q, written out, no code of KinCal takes part: axes and origins
+    of the joints, each mass [kg] and where it is [m]."""
+    T, axes, origins, masses = np.eye(4), [], [], []
     T[2, 3] = poses.BASE_Z_M
     for (a, alpha, d, _, _, mass, com, _), angle in zip(poses.WAM, q, strict=True):
         axes.append(T[:3, 2])
         origins.append(T[:3, 3])
         T = T @ poses.link(a, alpha, d, angle)
-        weights.append((mass, T[:3, :3] @ com + T[:3, 3]))
+        masses.append((mass, T[:3, :3] @ com + T[:3, 3]))
+    return axes, origins, masses
+
+
+def torques(q):
+    """(7,) gravity torques."""
+    axes, origins, masses = weights(q)
     return np.array(
         [
-            sum(mass * axes[j] @ np.cross(at - origins[j], G) for mass, at in weights[j:])
+            sum(mass * axes[j] @ np.cross(at - origins[j], G) for mass, at in masses[j:])
             for j in range(len(axes))
         ]
     )
@@ -59,6 +67,48 @@ def test_torques_that_errors_alone_make_are_no_drivers(tmp_path):
         held = replace(arm, joints=(*arm.joints[:-1], last))
         varying.append(set(Columns(fit_model(held, data)).torques()))
     assert varying == [{2, 3, 4, 5, 6, 7}, {2, 3, 4, 5, 6}]
+
+
+def on_a_turning_base(turned, n=100):
+    """Measurements of a WAM whose mount, at the origin, turns by turned(q, t_s), a rotation vector."""
+    rng = np.random.default_rng(8)
+    low, high = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
+    q, dh, t_s = rng.uniform(low, high, (n, 7)), 2e-3 * rng.normal(size=(7, 4)), 60.0 * np.arange(n)
+    pose = np.array([poses.tool_pose(row, dh) for row in q])
+    turn = Rotation.from_rotvec([turned(row, at) for row, at in zip(q, t_s, strict=True)]).as_matrix()
+    noise = Rotation.from_rotvec(2e-4 * rng.normal(size=(n, 3))).as_matrix()
+    return wb.Measurements(
+        source="made", ids=tuple(f"p{k}" for k in range(n)), q=q, t_s=t_s,
+        p_m=(turn @ pose[:, :3, 3:])[:, :, 0] + 1e-4 * rng.normal(size=(n, 3)),
+        quat_wxyz=poses.quat_wxyz(noise @ turn @ pose[:, :3, :3]),
+    )  # fmt: skip
+
+
+def test_a_mount_that_is_softer_in_one_direction_is_found(tmp_path, library):
+    """About an axis between x and y; it was an unnamed function of the gravity torque, with `base_flex`."""
+    soft = np.array([np.cos(0.4), np.sin(0.4), 0.0])
+
+    def tips(q, _t_s):
+        moment = sum(np.cross(at - [0, 0, poses.BASE_Z_M], mass * G) for mass, at in weights(q)[2])
+        return 3e-5 * soft * (soft @ moment)
+
+    d = wb.diagnose(wb.read_arm(poses.arm_toml(tmp_path / "arm.toml")), on_a_turning_base(tips), library)
+    [found] = [e for e in d.effects if e.in_model]
+    assert found.name == "mount_compliance" and found.probability > 0.9
+    value = {p.name: p.value for p in found.parameters}
+    wanted = 3e-5 * np.outer(soft, soft)
+    got = [[value["Cxx"], value["Cxy"]], [value["Cxy"], value["Cyy"]]]
+    np.testing.assert_allclose(got, wanted[:2, :2], atol=2e-6)
+
+
+def test_a_base_that_turns_steadily_is_one_effect(tmp_path, library):
+    """It was `base_settling` and `time_drift`, each larger than the whole, with opposite signs."""
+    data = on_a_turning_base(lambda _q, t_s: np.array([1e-3, -5e-4, 5e-4]) * t_s / 3600, 70)
+    d = wb.diagnose(wb.read_arm(poses.arm_toml(tmp_path / "arm.toml")), data, library)
+    [found] = [e for e in d.effects if e.in_model]
+    assert found.name == "base_drift" and found.probability > 0.9
+    rate = next(p for p in found.parameters if p.name == "rx")
+    assert abs(rate.value - 1e-3) < 1e-4 and rate.unit == "rad/h"
 
 
 # --------------------------------------------------------------------------- gravity without masses
