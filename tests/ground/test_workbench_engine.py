@@ -31,6 +31,7 @@ from kincal.workbench.prediction.reachable import Reachable
 from kincal.workbench.report import advice, explain
 from kincal.workbench.report.answers import diagnosis_json, fit_json, fit_text
 from kincal.workbench.report.diagnosis_text import diagnosis_text
+from kincal_shared.errors import BadInput
 from kincal_shared.schema.terms import parse_basis, split_product
 
 
@@ -373,6 +374,21 @@ def test_only_much_worse_blocks_and_held_out_poses_speak_against_an_effect():
     }  # fmt: skip
     for (name, interval, rotation), want in cases.items():
         assert nested.EffectGain("x", name, 1e-3, 2e-3, 2.0, interval, rotation).advised_against == want
+
+
+def test_a_joint_with_a_gear_ratio_has_its_motor_beside_joints_without(library, tmp_path):
+    """One ratio was ignored, and `motor_harmonic[2]` said to need what was in the file."""
+    head, *joints = poses.arm_toml(tmp_path / "arm.toml").read_text().split("[[joint]]")
+    others = [re.sub(r"gear_ratio.*\n", "", joint) for joint in joints]
+    (tmp_path / "one.toml").write_text("[[joint]]".join([head, others[0], joints[1], *others[2:]]))
+    one = wb.read_arm(tmp_path / "one.toml")
+    at = {
+        name: {h.name for h in library.find(name, one, None)} for name in ("motor_harmonic", "joint_ripple")
+    }
+    assert at["motor_harmonic"] == {"motor_harmonic[2]"}
+    assert at["joint_ripple"] == {f"joint_ripple[{j}]" for j in (1, 3, 4, 5, 6, 7)}
+    with pytest.raises(BadInput, match=r"no such joint with gear_ratio"):
+        library.find("motor_harmonic[3]", one, None)
 
 
 def test_ripple_of_an_arm_without_gear_ratios_is_found_with_its_period(library, tmp_path):

@@ -316,11 +316,6 @@ class ArmTable:
         """Whether every link has a mass and its centre, so that effects of gravity can be tested."""
         return all(joint.mass_kg is not None and joint.com_m is not None for joint in self.joints)
 
-    @property
-    def has_gears(self) -> bool:
-        """Whether every joint has a gear ratio."""
-        return all(joint.gear_ratio for joint in self.joints)
-
 
 def dh_rows(arm: ArmTable) -> Array:
     """(n, 5) nominal joints: 1 for prismatic, a [m], alpha [rad], d [m], phi [rad], standard DH."""

@@ -35,7 +35,7 @@ _NEED_TEXT = {
     "mass": "mass_kg, com_m (arm table)",
     "gear_ratio": "gear_ratio (arm table)",
     "mass_unknown": "an arm table without masses",
-    "gear_unknown": "an arm table without gear ratios",
+    "gear_unknown": "a joint without gear_ratio (arm table)",
     "own_sensor": "data without camera columns",
     "dir": "dir1..",
     "move": "rows in the order of measurement",
@@ -181,13 +181,15 @@ class Effect:
         if self.per == "arm":
             return [{}]
         if self.per == "joint":
-            return [{"j": j} for j in joints if j <= arm.n and self._is_of_type(arm, j)]
+            return [{"j": j} for j in joints if j <= arm.n and self._is_at(arm, j)]
         pairs = self.pairs or tuple(itertools.permutations(joints, 2))
         return [{"i": i, "j": j} for i, j in pairs if max(i, j) <= arm.n]
 
-    def _is_of_type(self, arm: ArmTable, j: int) -> bool:
-        wanted = self.joint_type == "prismatic"
-        return not self.joint_type or arm.joints[j - 1].prismatic == wanted
+    def _is_at(self, arm: ArmTable, j: int) -> bool:
+        """Whether joint j is of the type, and has (or lacks) the gear ratio, that the effect needs."""
+        joint = arm.joints[j - 1]
+        of_type = not self.joint_type or joint.prismatic == (self.joint_type == "prismatic")
+        return of_type and ("gear_unknown" if joint.gear_ratio else "gear_ratio") not in self.needs
 
     def instances(
         self, arm: ArmTable, data: Measurements | None, known: Mapping[str, float] | None = None
@@ -281,8 +283,8 @@ def _there(need: str, arm: ArmTable, data: Measurements | None) -> bool:
     of_arm = {
         "mass": arm.has_masses,
         "mass_unknown": not arm.has_masses,
-        "gear_ratio": arm.has_gears,
-        "gear_unknown": not arm.has_gears,
+        "gear_ratio": any(joint.gear_ratio for joint in arm.joints),
+        "gear_unknown": not all(joint.gear_ratio for joint in arm.joints),
     }
     if need in of_arm:
         return of_arm[need]
@@ -449,7 +451,9 @@ class Library:
             wanted = _places(name.replace(" ", ""), self.effects[base])
             found = [h for h in found if h.name in wanted]
             if len({h.name for h in found}) < len(wanted):
-                raise BadInput(f"effect {name!r}: no such joint on {arm.name} ({arm.n} joints)")
+                at = {"gear_ratio": " with gear_ratio", "gear_unknown": " without gear_ratio"}
+                which = "".join(text for need, text in at.items() if need in self.effects[base].needs)
+                raise BadInput(f"effect {name!r}: no such joint{which} on {arm.name} ({arm.n} joints)")
         return found
 
     def check_joints(self, name: str, arm: ArmTable) -> None:
