@@ -605,8 +605,8 @@ FOLLOWS_ORIENTATION = (
 """Of a function of the tool's orientation: what may be its cause."""
 SENSOR_LAGS = (
     "the measured pose stays behind along the way from the pose before, or runs ahead: behind, look for a "
-    "filter or an average over time in the sensor, or poses older than the readings; ahead, for readings older "
-    "than the poses, or overshoot; measure again after waiting longer"
+    "filter or an average over time in the sensor, or poses older than the readings; ahead, for readings "
+    "older than the poses, or overshoot; measure again after waiting longer"
 )
 """Of a function of the tool's last move: what may be its cause."""
 
