@@ -233,7 +233,7 @@ class Problem:
     def linearised(self, coef: Array) -> _Point:
         """The model and its whitened residuals and derivatives at coefficients, loads taken there too."""
         ev = self.model.evaluate(coef)
-        return _Point(coef, ev, self._whitened(ev.r), np.einsum("nij,njk->nik", self.whiten, ev.J))
+        return _Point(coef, ev, self._whitened(ev.r), self.whiten @ ev.J)
 
     def trial(self, coef: Array, loads_at: Array) -> Array:
         """(N, c) whitened residuals at coefficients, loads kept where a step began."""
