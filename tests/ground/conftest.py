@@ -5,7 +5,7 @@ import subprocess
 
 import poses
 import pytest
-from environments import built_wheel, environment
+from environments import SIMULATOR, built_wheel, environment, loaded
 from places import BIN, CHROMIUM, ROOT
 
 from kincal import review
@@ -54,6 +54,13 @@ def plain(wheel, tmp_path_factory):
 @pytest.fixture(scope="session")
 def full(wheel, tmp_path_factory):
     return environment(tmp_path_factory.mktemp("full"), wheel, EXTRAS)
+
+
+@pytest.fixture(scope="session")
+def door(full):
+    """Where commands are asked for that run in the full environment, all that they need loaded once."""
+    with loaded(full, *SIMULATOR) as at:
+        yield at
 
 
 @pytest.fixture(scope="module")

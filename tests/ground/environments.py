@@ -130,8 +130,9 @@ def environment(home, wheel, extras=()):
 
 
 PRELOADED = Path(preloaded.__file__)
-COMMON = ("scipy.stats", "kincal.pages.review", "kincal.review.decisions", "kincal.workbench")
-SIMULATOR = ("kincal.run.fast", "kincal.space", "kincal.workbench.diagnosis")  # with their extras
+COMMON = ("scipy.stats", "kincal.cli.command", "kincal.cli.model", "kincal.pages.review",
+          "kincal.review.decisions", "kincal.workbench.diagnosis")  # fmt: skip
+SIMULATOR = ("kincal.run.fast", "kincal.space")  # with their extras
 
 
 @contextmanager
@@ -155,16 +156,15 @@ def as_function(home, door):
     return {"BASH_FUNC_kincal%%": f'() {{ {home}/bin/python -IS {PRELOADED} ask {door} "$@"; }}'}
 
 
-def forked(home, folder, answers, calls, *modules):
+def asked(door, folder, answers, calls):
     """Status, output and messages of commands of `kincal`, run one after the other in a folder."""
     done = []
-    with loaded(home, *modules) as door:
-        for number, words in enumerate(calls):
-            files = [answers / f"{number}.{kind}" for kind in ("out", "err")]
-            with open(os.devnull) as nothing, files[0].open("w") as out, files[1].open("w") as err:
-                streams = [stream.fileno() for stream in (nothing, out, err)]
-                status = preloaded.ask(door, words, folder, clean(), streams)
-            done.append(
-                SimpleNamespace(returncode=status, stdout=files[0].read_text(), stderr=files[1].read_text())
-            )
+    for number, words in enumerate(calls):
+        files = [answers / f"{number}.{kind}" for kind in ("out", "err")]
+        with open(os.devnull) as nothing, files[0].open("w") as out, files[1].open("w") as err:
+            streams = [stream.fileno() for stream in (nothing, out, err)]
+            status = preloaded.ask(door, words, folder, clean(), streams)
+        done.append(
+            SimpleNamespace(returncode=status, stdout=files[0].read_text(), stderr=files[1].read_text())
+        )
     return done

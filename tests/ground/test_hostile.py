@@ -275,7 +275,7 @@ def damaged(data, rng):
 
 def test_of_fields_that_may_be_anything_only_errors_for_people_come_out(tmp_path):
     path, rng, slowest = tmp_path / "x.lcmlog", np.random.default_rng(23), 0.0
-    for _ in range(60):
+    for _ in range(30):
         record(path, *messages(rng))
         begun = time.process_time()
         looked_at(path)
@@ -287,14 +287,14 @@ def test_of_a_file_of_any_bytes_only_errors_for_people_come_out(tmp_path):
     path, rng = tmp_path / "x.lcmlog", np.random.default_rng(24)
     whole = record(path, *messages(rng)).read_bytes()
     read = 0
-    for _ in range(60):
+    for _ in range(30):
         path.write_bytes(damaged(whole, rng))
         try:
             looked_at(path)
             read += 1
         except KincalError:
             pass
-    assert read > 40  # what is left of it is still read
+    assert read > 20  # what is left of it is still read
 
 
 # ------------------------------------------------------------------------ arrays

@@ -19,13 +19,13 @@ def arm(search):
 
 @pytest.mark.slow
 def test_frames_show_what_the_table_says_of_its_candidates(arm, search):
-    rng, every_sixth = np.random.default_rng(1), occlusion.candidates(6)
+    rng, every_twelfth = np.random.default_rng(1), occlusion.candidates(12)
     ours = [
         v
-        for i, q, stated in every_sixth
+        for i, q, stated in every_twelfth
         for v in occlusion.compare(arm, search, f"candidate {i}", q, stated, None if i % 24 else rng, None)
     ]
-    assert len(ours) >= len(every_sixth)
+    assert len(ours) >= len(every_twelfth)
     for like in ("links as they are, both", "links thicker, both"):
         assert occlusion.agreement(ours, like) >= occlusion.AGREEMENT_MIN
     assert occlusion.only_rims(ours)

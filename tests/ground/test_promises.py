@@ -60,10 +60,12 @@ def held_out(fit):
 
 
 def test_commands_of_a_diagnosis_of_a_real_set_give_what_it_promises(tmp_path, monkeypatch):
-    """What is wrong with the camera of the FR3 is named, and it is predicted better than by independent fits;
-    test_tutorial.py has the WAM, positions alone."""
+    """What is wrong with the camera of the FR3 is named, and it is predicted better than by independent fits,
+    from every other pose; test_tutorial.py has the WAM, positions alone, with all of them."""
     monkeypatch.chdir(tmp_path)
-    answer, fits = deliver("--arm", DATA / "fr3" / "fr3.toml", "--data", DATA / "fr3" / "fr3.csv")
+    header, *rows = (DATA / "fr3" / "fr3.csv").read_text().splitlines()
+    (tmp_path / "d.csv").write_text("\n".join([header, *rows[::2]]) + "\n")
+    answer, fits = deliver("--arm", DATA / "fr3" / "fr3.toml", "--data", "d.csv")
     promised = answer["errors"]
     assert [row["model"] for row in promised[:2]] == ["nominal", "DH"]
     assert len(promised) > 2, "a real arm has more than DH errors"

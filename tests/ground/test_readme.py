@@ -5,7 +5,7 @@ import subprocess
 
 import gen_tutorial
 import pytest
-from environments import SIMULATOR, as_function, loaded
+from environments import as_function
 from places import ROOT
 
 pytestmark = pytest.mark.slow
@@ -28,15 +28,14 @@ INSTEAD = {
 }
 
 
-def test_every_block_of_the_readme_ends_well(full, clone, tmp_path):
+def test_every_block_of_the_readme_ends_well(full, door, clone, tmp_path):
     text = (ROOT / "README.md").read_text("utf-8")
     blocks = [m["commands"] for m in gen_tutorial.BLOCK.finditer(text)]
     lines = {line.partition("#")[0].strip() for block in blocks for line in block.splitlines()}
     assert len(blocks) == 4 and set(INSTEAD) <= lines
     before = files_that_git_sees(clone)
-    with loaded(full, *SIMULATOR, HOME=str(tmp_path)) as door:
-        shell = gen_tutorial.Shell(clone, tmp_path, INSTEAD, HOME=str(tmp_path), **as_function(full, door))
-        said = [shell.run(block) for block in blocks]
+    shell = gen_tutorial.Shell(clone, tmp_path, INSTEAD, HOME=str(tmp_path), **as_function(full, door))
+    said = [shell.run(block) for block in blocks]
     assert "no change needed" in said[1] and "verdict" in said[3]
     assert (tmp_path / ".kincal" / "keys").is_file()
     made = clone / "out" / "wam"

@@ -3,20 +3,15 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
+import halves
 import numpy as np
 import poses
 import pytest
+import real
 from places import DATA
 
-BENCH = Path(__file__).resolve().parent.parent / "bench" / "real.py"
 NAMES = ["fr3", "ur10d", "ur5", "wam"]
-
-
-def run(folder, *options):
-    command = [sys.executable, str(BENCH), str(folder), *options]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +32,8 @@ def done(tmp_path_factory):
     whole = (folder / "good" / "good.csv").read_text().splitlines()
     (folder / "good" / "good_random.csv").write_text("\n".join([whole[0], *whole[1:13]]) + "\n")
     out = folder / "rows.json"
-    process = run(folder, "--json", str(out))
+    command = [sys.executable, real.__file__, str(folder), "--json", str(out)]
+    process = subprocess.run(command, capture_output=True, text=True, timeout=300)
     return process, {row["name"]: row for row in json.loads(out.read_text())}
 
 
@@ -73,19 +69,16 @@ def test_a_random_file_is_predicted_with_the_models_of_its_set(done):
     assert [line for line in process.stdout.splitlines() if line.startswith("  good_random")]
 
 
-def test_a_folder_without_sets_is_said(tmp_path):
-    process = run(tmp_path)
-    assert process.returncode == 2
-    assert "no set" in process.stderr
+def test_a_folder_without_sets_is_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["real.py", str(tmp_path)])
+    assert real.main() == 2
+    assert "no set" in capsys.readouterr().err
 
 
 def test_without_a_folder_the_sets_that_ship_are_taken():
     """In every clone: nothing beside it is looked for."""
-    ask = "import sys; from real import *; print([c.name.split('/')[-1] for c in find_sets(DATA)])"
-    for program in ("real", "halves"):
-        done = subprocess.run([sys.executable, "-c", ask.replace("real", program)], cwd=BENCH.parent,
-                              capture_output=True, text=True, check=True)  # fmt: skip
-        assert done.stdout == f"{NAMES}\n"
+    for bench in (real, halves):
+        assert [case.name.split("/")[-1] for case in bench.find_sets(bench.DATA)] == NAMES
 
 
 @pytest.mark.parametrize("folder", sorted(p for p in DATA.iterdir() if p.is_dir()), ids=lambda p: p.name)

@@ -321,7 +321,7 @@ def test_metric_is_the_kernel_that_flies(committed):
 
 
 def test_same_description_gives_the_same_table_by_any_number_of_processes_and_another_seed_another():
-    desc = SMALL.model_copy(update={"candidates": 5, "initial_poses": 1})
+    desc = SMALL.model_copy(update={"candidates": 3, "initial_poses": 1})
     one, two = (space.build(desc, BIN, processes=n).image.data for n in (1, 2))
     other = space.build(desc.model_copy(update={"seed": desc.seed + 1}), BIN, processes=1).image.data
     assert one == two
@@ -409,7 +409,8 @@ def test_description_that_does_not_fit_the_tables_says_where(part, change, what,
 def test_one_servo_bound_stands_for_all_joints():
     joints = SMALL.joints.model_copy(update={"servo_bound_rad": 0.2})
     bounds = SMALL.error_bounds.model_copy(update={"reach": False})
-    desc = SMALL.model_copy(update={"joints": joints, "error_bounds": bounds})
+    few = {"candidates": 2, "initial_poses": 1}
+    desc = SMALL.model_copy(update={"joints": joints, "error_bounds": bounds, **few})
     built = space.build(desc, BIN, processes=1)
     assert built.table.servo_bound_rad == pytest.approx([0.2] * 7)
 

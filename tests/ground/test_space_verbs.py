@@ -217,7 +217,7 @@ def test_a_space_too_small_for_the_model_names_what_it_cannot_identify(tmp_path)
     about = tmp_path / "small.toml"
     about.write_text(text)
     table = tmp_path / "small.tbl"
-    assert run("space", "build", about, table, "--tables", BIN).exit_code == 0
+    assert run("space", "build", about, table, "--tables", BIN, "--processes", 1).exit_code == 0
     done = run("space", "information", table, "--model", "none", "--tables", BIN)
     assert done.exit_code == 1
     assert "24 of 28 coefficients can be identified" in done.output

@@ -5,7 +5,7 @@ import re
 
 import gen_tutorial
 import pytest
-from environments import SIMULATOR, as_function, loaded
+from environments import as_function
 
 from kincal import tables
 from kincal import workbench as wb
@@ -23,14 +23,12 @@ INSTEAD = {"make setup-demo build": "true"} | {
 
 
 @pytest.fixture(scope="module")
-def tutorial(full, clone, tmp_path_factory):
+def tutorial(full, door, clone, tmp_path_factory):
     """Every command of the page, block by block in a fresh clone, and what it printed. The clone is built."""
     text = gen_tutorial.DOCUMENT.read_text("utf-8")
     assert len(INSTEAD) == 3
-    with loaded(full, *SIMULATOR) as door:
-        kincal = as_function(full, door)
-        shell = gen_tutorial.Shell(clone, tmp_path_factory.mktemp("shell"), INSTEAD, **kincal)
-        return clone / gen_tutorial.OUT, text, gen_tutorial.perform(text, shell)
+    shell = gen_tutorial.Shell(clone, tmp_path_factory.mktemp("shell"), INSTEAD, **as_function(full, door))
+    return clone / gen_tutorial.OUT, text, gen_tutorial.perform(text, shell)
 
 
 def output(tutorial, command):

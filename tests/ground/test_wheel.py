@@ -13,13 +13,14 @@ import numpy as np
 import poses
 import pytest
 from commands import FIGURES
-from environments import SIMULATOR, forked, run
+from environments import asked, loaded, run
 from places import ROOT
 
 from kincal.cli import main
 
 pytestmark = pytest.mark.slow
 
+GIVEN = ("--arm", "arm.toml", "--data", "poses.csv")
 URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two"/>
 <joint name="a" type="revolute"><parent link="base"/><child link="one"/><axis xyz="0 0 1"/>
 <origin xyz="0 0 0.3"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
@@ -29,20 +30,22 @@ URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two
 
 
 @pytest.fixture(scope="module")
-def user(full, tmp_path_factory):
-    """A user's folder: measurements, an arm, a model, and a run of the wheel's own simulator."""
+def user(door, tmp_path_factory):
+    """A user's folder: measurements, an arm, a model, a run of the wheel's own simulator and a campaign."""
     folder = tmp_path_factory.mktemp("user")
     poses.arm_toml(folder / "arm.toml")
-    poses.poses_csv(folder / "poses.csv", 60, 12, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0]))
+    poses.poses_csv(folder / "poses.csv", 45, 12, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0]))
     (folder / "robot.urdf").write_text(URDF)
-    kincal = full / "bin" / "kincal"
-    run(kincal, "model", "add", "--model", "M.toml", "backlash[4]", cwd=folder)
-    run(kincal, "model", "fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml", cwd=folder)
-    short = ("--fast", "--no-compare", "--no-summary")
-    said = run(kincal, "run", "healthy", *short, "--out", "run", cwd=folder)
-    assert "passed in" in said
     (folder / "small.toml").write_text('scenario = "healthy"\ncases = 1\nset = { "calibration.poses" = 1 }\n')
-    assert "1 of 1 cases" in run(kincal, "campaign", "run", "small.toml", "--out", "campaign", cwd=folder)
+    calls = (
+        ("model", "add", "--model", "M.toml", "backlash[4]"),
+        ("model", "fit", *GIVEN, "--model", "M.toml"),
+        ("run", "healthy", "--fast", "--no-compare", "--no-summary", "--out", "run"),
+        ("campaign", "run", "small.toml", "--out", "campaign"),
+    )
+    *_, flown, campaign = done = asked(door, folder, tmp_path_factory.mktemp("user-answers"), calls)
+    assert [one.returncode for one in done] == [0] * 4, [one.stderr for one in done]
+    assert "passed in" in flown.stdout and "1 of 1 cases" in campaign.stdout
     return folder
 
 
@@ -95,7 +98,6 @@ def test_environments_are_clean(plain, full, tmp_path):
 # --------------------------------------------------------------------------- every command
 
 NOBODY = ("--url", "udpm://239.255.76.67:1?ttl=0", "--timeout", "0.2")
-GIVEN = ("--arm", "arm.toml", "--data", "poses.csv")
 RUN_LOG = "run/run.lcmlog"
 # command -> arguments; runs in the user's folder
 CALLS = {
@@ -155,12 +157,12 @@ def commands(group=main, prefix=""):
             yield f"{prefix}{name}"
 
 
-def called(home, user, answers, names, *modules):
+def called(door, home, user, answers, names):
     """name -> status, output and messages of each command, run one after the other in the user's folder."""
     tables = next(home.glob("lib/*/site-packages/kincal/_tree/tables"))
     (user / "new").mkdir(exist_ok=True)
     calls = [[*name.split(), *(word.format(tables=tables) for word in CALLS[name])] for name in names]
-    return dict(zip(names, forked(home, user, answers, calls, *modules), strict=True))
+    return dict(zip(names, asked(door, user, answers, calls), strict=True))
 
 
 def test_every_command_is_tried():
@@ -170,7 +172,8 @@ def test_every_command_is_tried():
 @pytest.fixture(scope="module")
 def clean(plain, user, tmp_path_factory):
     """Every command in an environment without any extra."""
-    return called(plain, user, tmp_path_factory.mktemp("plain-answers"), list(CALLS))
+    with loaded(plain) as door:
+        return called(door, plain, user, tmp_path_factory.mktemp("plain-answers"), list(CALLS))
 
 
 @pytest.mark.parametrize("name", CALLS)
@@ -193,8 +196,8 @@ WITH_EXTRA = [n for n in WITH_EXTRA if n not in (*SLOW, "run", "campaign run")]
 
 
 @pytest.fixture(scope="module")
-def equipped(full, user, tmp_path_factory):
-    return called(full, user, tmp_path_factory.mktemp("full-answers"), WITH_EXTRA, *SIMULATOR)
+def equipped(door, full, user, tmp_path_factory):
+    return called(door, full, user, tmp_path_factory.mktemp("full-answers"), WITH_EXTRA)
 
 
 @pytest.mark.parametrize("name", WITH_EXTRA)

@@ -6,7 +6,7 @@ import csv
 
 import numpy as np
 import pytest
-from environments import forked
+from environments import asked
 from exports import CModule, python_module
 
 import kincal
@@ -83,7 +83,7 @@ def write_csv(path, true_urdf, n=80, noise_m=2e-5, seed=1):
 
 
 @pytest.fixture(scope="module")
-def folder(full, tmp_path_factory):
+def folder(door, tmp_path_factory):
     """A user's folder after six commands."""
     out = tmp_path_factory.mktemp("six")
     rng = np.random.default_rng(5)
@@ -101,7 +101,7 @@ def folder(full, tmp_path_factory):
         ("model", "export", *model, "--format", "c", "-o", "calibrated.c"),
         ("model", "export", *model, "--format", "python", "-o", "calibrated.py"),
     )
-    for done in forked(full, out, tmp_path_factory.mktemp("answers"), commands):
+    for done in asked(door, out, tmp_path_factory.mktemp("answers"), commands):
         assert done.returncode == 0, done.stderr
     return out
 

@@ -315,7 +315,8 @@ def test_a_part_is_spread_over_all_conditions_and_always_the_same():
 
 def test_many_poses_are_searched_on_a_part_and_judged_on_all(tmp_path):
     n = MANY + 40
-    arm, data = measured(tmp_path, n, 8, lambda q, _: q + 4e-3 * TWIST * np.cos(q) * [0, 1, 0, 0, 0, 0, 0])
+    wave = 4e-3 * TWIST * np.eye(7)[1]
+    arm, data = measured(tmp_path, n, 8, lambda q, _: q + wave * np.cos(q), position_only=True)
     assert len(part_of(data)) == len(set(part_of(data))) == PART
     fit = fit_model(arm, data)
     few = thinned(fit)

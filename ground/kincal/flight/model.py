@@ -232,11 +232,12 @@ class Model:
         )
         return r
 
-    def jacobian(self, coef: ArrayLike, loads_at: ArrayLike | None = None) -> Floats:
-        """(N, c, k) d(model - measured) / d coefficient."""
+    def linearised(self, coef: ArrayLike, loads_at: ArrayLike | None = None) -> tuple[Floats, Floats]:
+        """r (N, c) and J (N, c, k) of `evaluate`, without what only a finished fit needs."""
+        r = np.empty((self.n, self.components))
         J = np.empty((self.n, self.components, self.terms.n))
-        self._evaluate(coef, loads_at, J=J)
-        return J
+        self._evaluate(coef, loads_at, r=r, J=J)
+        return r, J
 
     def evaluate(self, coef: ArrayLike, loads_at: ArrayLike | None = None) -> Evaluation:
         """Residuals and all derivatives."""

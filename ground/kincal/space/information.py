@@ -89,7 +89,7 @@ class Design:
         self.rank_tol = float(config.est.rank_tol)
         self.plain = _jacobians(table, tables.arm, terms)[:, :, free] * self.scale
         self.J = self.plain / noise.rows[:, None]
-        self.H = np.einsum("nik,nil->nkl", self.J, self.J)
+        self.H = self.J.transpose(0, 2, 1) @ self.J
         self.is_angle = np.array([name.endswith("_rad") for name in self.names])
 
     def pivots(self, chosen: list[int]) -> tuple[int, Floats]:
@@ -106,7 +106,7 @@ class Design:
             return out
         C = np.linalg.inv(self.H[chosen].sum(axis=0))
         sigma = np.sqrt(np.diag(C)) * self.scale
-        var = np.einsum("nik,kl,nil->ni", self.plain, C, self.plain).mean(axis=0)
+        var = ((self.plain @ C) * self.plain).sum(axis=2).mean(axis=0)
         return replace(
             out,
             angle_rad=_worst(sigma[self.is_angle]),
@@ -130,7 +130,7 @@ class Design:
 
     def _innovation(self, C: Floats) -> Floats:
         """Covariance of the next residual of each candidate in units of the noise, (n, 6, 6)."""
-        S: Floats = np.eye(6) + np.einsum("nik,kl,njl->nij", self.J, C, self.J)
+        S: Floats = np.eye(6) + self.J @ C @ self.J.transpose(0, 2, 1)
         return S
 
     def _dopt_gain(self, C: Floats) -> Floats:
@@ -139,9 +139,10 @@ class Design:
 
     def _vopt_gain(self, C: Floats) -> Floats:
         weight = np.array([1.0] * 3 + [_VOPT_LEVER_M] * 3) ** 2
-        V = np.einsum("nik,nil,i->kl", self.plain, self.plain, weight) / len(self.plain)
-        B = np.einsum("nik,kl->nil", self.J, C)
-        reduced = np.einsum("nik,kl,njl->nij", B, V, B)
+        rows = self.plain.reshape(-1, len(C))
+        V = (rows.T * np.tile(weight, len(self.plain))) @ rows / len(self.plain)
+        B = self.J @ C
+        reduced = B @ V @ B.transpose(0, 2, 1)
         gain: Floats = np.einsum("nij,nji->n", np.linalg.inv(self._innovation(C)), reduced)
         return gain
 

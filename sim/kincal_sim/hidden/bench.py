@@ -44,9 +44,9 @@ class Bench:
 
     def __init__(self, spec: CaseSpec):
         self.spec, self.arm_spec = spec, load_spec()
-        self.nominal = Arm(self.arm_spec)
+        self.nominal = Arm(self.arm_spec, pictures=False)
         self.errors = random_errors(self.nominal.n, self.rng(ERRORS))
-        self.plant = Plant(self.arm_spec, self.errors, payloads_kg=(0.0, PAYLOAD_KG))
+        self.plant = Plant(self.arm_spec, self.errors, payloads_kg=(0.0, PAYLOAD_KG), pictures=False)
         self.optics = optics.nominal(self.arm_spec)
         self.span_s = campaign.SECONDS_PER_POSE * spec.n
         self._cycle: campaign.ThermalCycle | None = None

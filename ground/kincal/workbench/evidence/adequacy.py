@@ -280,7 +280,7 @@ def unseen_p(fit: Fit, held: Measurements, outliers: Outliers) -> float:
     usual = held.take(held.are_not(outliers.ids))
     there = fit.at(usual)
     z = np.einsum("nij,nj->ni", there.whiten, there.evaluation.r).ravel() / fit.scale
-    jac = np.einsum("nij,njk->nik", there.whiten, there.evaluation.J).reshape(len(z), -1) / fit.scale
+    jac = (there.whiten @ there.evaluation.J).reshape(len(z), -1) / fit.scale
     # z' (I + J C J')^-1 z, C = L L'
     moved = jac @ np.linalg.cholesky(fit.cov + 1e-18 * np.diag(fit.sigma_prior**2))
     seen = moved.T @ z

@@ -80,7 +80,7 @@ def _curve(
         unit=mine[0].unit,
         x=x,
         value=design @ fit.estimate[places],
-        std=np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", design, cov, design), 0.0)),
+        std=np.sqrt(np.maximum(((design @ cov) * design).sum(axis=1), 0.0)),
         beside=other,
         at=at,
     )

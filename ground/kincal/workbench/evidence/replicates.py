@@ -119,7 +119,7 @@ def _following(fit: Fit, found: Replicates, by: Approach, values: Array) -> Repl
     """What of the differences is a motion of each joint in proportion to `values` (N, n); None if too few
     replicates differ by them to tell."""
     moved = fit.evaluation.Jq * values[:, None, :]
-    design = _stacked(np.einsum("nij,njk->nik", fit.whiten, moved), found)
+    design = _stacked(fit.whiten @ moved, found)
     z = fit.z.reshape(fit.data.n, -1)
     target = _stacked(z, found)
     size, _, taken, _ = np.linalg.lstsq(design, target, rcond=1e-9)

@@ -42,7 +42,7 @@ class Columns:
         self.weight = fit.weight if weight is None else weight
         self._root = np.sqrt(self.weight)
         rows = fit.whiten * self._root[:, None, None]
-        self.twist = np.einsum("nij,nfkj->nfki", rows, fit.evaluation.twist)
+        self.twist = fit.evaluation.twist @ rows.transpose(0, 2, 1)[:, None]
         self._by_place = np.ascontiguousarray(self.twist.reshape(self.n, -1, self.c).transpose(1, 0, 2))
         self._modelled: dict[Basis, Array] = {}
 

@@ -232,8 +232,8 @@ class Problem:
 
     def linearised(self, coef: Array) -> _Point:
         """The model and its whitened residuals and derivatives at coefficients, loads taken there too."""
-        ev = self.model.evaluate(coef)
-        return _Point(coef, ev, self._whitened(ev.r), np.einsum("nij,njk->nik", self.whiten, ev.J))
+        r, jac = self.model.linearised(coef)
+        return _Point(coef, r, self._whitened(r), self.whiten @ jac)
 
     def trial(self, coef: Array, loads_at: Array) -> Array:
         """(N, c) whitened residuals at coefficients, loads kept where a step began."""
@@ -287,10 +287,10 @@ def find_frames(arm: ArmTable, data: Measurements) -> Frames:
 
 @dataclass(frozen=True)
 class _Point:
-    """The model at one set of coefficients; z: (N, c), jac: (N, c, k), both whitened."""
+    """The model at one set of coefficients; r: (N, c) residuals; z: (N, c), jac: (N, c, k), both whitened."""
 
     coef: Array
-    evaluation: Evaluation
+    r: Array
     z: Array
     jac: Array
 
@@ -566,7 +566,7 @@ def _whitener_of(last: _Iterate) -> Array:
     """(N, 6, 6) inverse Cholesky factors of the covariance that the residuals show, one for all poses: a
     point seen from afar moves with every error of orientation, so that the six numbers of a pose are no
     independent witnesses (multivariate t with unknown covariance: Lange, Little, Taylor, section 3)."""
-    r, weight = last.point.evaluation.r, last.weights.pose
+    r, weight = last.point.r, last.weights.pose
     spent = _leverage(last.point.jac, last.problem.sigma, weight, last.weights.scale2)[1] / r.shape[1]
     count = max(float(weight.sum()) - spent, 1.0)
     square = (r * weight[:, None]).T @ r
@@ -602,7 +602,7 @@ def _finish(last: _Iterate) -> Fit:
         std_err=np.sqrt(np.diag(cov)),
         cov=cov,
         model=problem.model,
-        evaluation=last.point.evaluation,
+        evaluation=problem.model.evaluate(last.point.coef),
         whiten=problem.whiten,
         z=last.point.z.ravel(),
         J=last.point.jac.reshape(n * c, -1),

@@ -206,7 +206,7 @@ def _beliefs(fit: Fit, data: Measurements, effects: Sequence[Hypothesis]) -> lis
     old, there = Columns(fit), fit.at(data)
     new = Columns(there)
     nuisance_old = old.weighted(fit.J) * fit.sigma_prior / fit.scale
-    nuisance_new = np.einsum("nij,njk->nik", there.whiten, there.evaluation.J) * fit.sigma_prior / fit.scale
+    nuisance_new = (there.whiten @ there.evaluation.J) * fit.sigma_prior / fit.scale
     z0 = old.weighted(fit.z + fit.J @ fit.estimate) / fit.scale
 
     def belief(h: Hypothesis) -> _Belief:
@@ -239,8 +239,8 @@ def _criterion(beliefs: Sequence[_Belief]) -> tuple[Array, Array]:
 def _predicted(belief: _Belief) -> tuple[Array, Array, Array]:
     """Mean (N, c), covariance and information (N, c, c) of a new measurement at every pose."""
     a = belief.design
-    v = np.eye(a.shape[1]) + np.einsum("nik,kl,njl->nij", a, belief.cov, a)
-    return a @ belief.mean, v, np.linalg.inv(v)
+    v = np.eye(a.shape[1]) + a @ belief.cov @ a.transpose(0, 2, 1)
+    return a @ belief.mean, v, array(np.linalg.inv(v))
 
 
 def poses_csv(poses: Sequence[NextPose]) -> str:

@@ -182,8 +182,7 @@ def _process(at: Fit, weight: Array, fit: Fit) -> Components:
     return Components(
         c=columns.c,
         y=columns.weighted(np.einsum("nij,nj->ni", at.whiten, at.evaluation.r).ravel()),
-        nuisance=columns.weighted(np.einsum("nij,njk->nik", at.whiten, at.evaluation.J).reshape(-1, k))
-        * sigma,
+        nuisance=columns.weighted((at.whiten @ at.evaluation.J).reshape(-1, k)) * sigma,
         places=tuple(place.made for place in places),
         names=tuple(name for place in places for name in place.names),
     )

@@ -160,7 +160,7 @@ def _line(fit: Fit, x: Array, terms: Sequence[tuple[str, Term]]) -> Line:
         design = _design(fit, terms)[first]
     names = [fit.names.index(name) for name, _ in terms]
     centred = design - _design(fit, terms).mean(axis=0)
-    variance = np.einsum("mi,ij,mj->m", centred, fit.cov[np.ix_(names, names)], centred)
+    variance = ((centred @ fit.cov[np.ix_(names, names)]) * centred).sum(axis=1)
     return Line(at, array(design @ fit.estimate[names]), np.sqrt(np.maximum(variance, 0.0)))
 
 
