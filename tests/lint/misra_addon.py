@@ -5,8 +5,9 @@ interpreter for every file, and of two rules that a line breaks it tells one.
     misra_addon.py ADDON LIST FOUND             rules across files, from the files in LIST, which it wrote
 
 Four fifths of the tokens are of headers, the same in every dump that has them. Rules of expressions and
-statements (10 to 16) need no more than the tokens around: OWNED names for each dump the files that they are
-checked in there, each file in one dump. All other rules see everything everywhere.
+statements (10 to 16) and some others need no more than the tokens around, prototypes (8.2) no more than
+their function: OWNED names for each dump the files that they are checked in there, each file in one dump.
+All other rules see everything everywhere.
 
 Dumps are read by expat, which takes half as long as the addon's way by ElementTree.
 """
@@ -29,20 +30,29 @@ ADDON, *ARGUMENTS = sys.argv[1:]
 sys.path.insert(0, str(Path(ADDON).parent))
 MISRA = runpy.run_path(ADDON, run_name="misra")
 EXECUTE = MISRA["MisraChecker"].executeCheck
+# Words of C11, operations without effect, bit-fields, suffixes, int left out, prototypes; 10 to 16;
+# <stdarg.h>, unused results, changed parameters, pointer arithmetic, unions, functions of the library, FILE,
+# EOF. The addon carries nothing from one token to the next for any of them.
+AROUND = {104, 202, 602, 702, 801, 802, *range(1001, 1700), 1701, 1707, 1708, 1804, 1902, 2103, 2107, 2108,
+          2109, 2110, 2115, 2116, 2119, 2121, 2205, 2207}  # fmt: skip
 FILES: set[str] = set()  # of the dump that is checked
 
 
 def execute(checker: object, rule: int, check: object, *arguments: object) -> None:
-    if 1000 < rule < 1700 and hasattr(arguments[0], "tokenlist"):
-        arguments = (part(arguments[0]),)
+    if rule in AROUND and hasattr(arguments[0], "tokenlist"):
+        arguments = (part(arguments[0]), *arguments[1:])
     EXECUTE(checker, rule, check, *arguments)
 
 
 def part(configuration):
-    """The configuration with the tokens of FILES, the same for every rule."""
+    """The configuration with the tokens and functions of FILES, the same for every rule. A function is of the
+    files that declare and define it."""
     if not hasattr(configuration, "part"):
         configuration.part = copy.copy(configuration)
         configuration.part.tokenlist = [token for token in configuration.tokenlist if token.file in FILES]
+        configuration.part.functions = [
+            f for f in configuration.functions if any(t and t.file in FILES for t in (f.token, f.tokenDef))
+        ]
     return configuration.part
 
 

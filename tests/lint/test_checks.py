@@ -71,7 +71,6 @@ def tree(root: Path) -> Path:
         "tests/bench/wcet.c": "int main(void) { return 0; }\n",
         "tests/bench/wcet_search.c": "int main(void) { return 0; }\n",
         "ground/native/quick_crc.c": "",
-        "tests/unit/given_nothing.c": "",
         "tests/system/given_nothing.c": "",
         "tests/unit/test_kc_math.c": '#include "unity.h"\n#include "kc_math.h"\n'
         "void test_four(void) { TEST_ASSERT_EQUAL_INT(4, kc_math(4)); }\n",
@@ -82,7 +81,7 @@ def tree(root: Path) -> Path:
                  "fsw/musl/kc_musl_names.h", "fsw/math/kc_libm.h",
                  "tests/cross/CMakeLists.txt", "tests/cross/replay.c", "tests/cross/host.c", "ground/cdef.py",
                  "ground/lcm_files.py", "ground/message_structs.py",
-                 "tests/unit/CMakeLists.txt", "tests/unit/main.c.in",
+                 "tests/unit/CMakeLists.txt", "tests/unit/given_main.c", "tests/unit/given_main.h",
                  "tests/system/CMakeLists.txt"):  # fmt: skip
         files[name] = (ROOT / name).read_text()
     return write(root, files)

@@ -1,13 +1,10 @@
-/* Made from tests/unit/main.c.in: runs all tests of @program@.c, or the one that is named. */
+/* Runs all tests of a program, or the one that is named. */
+#include "given_main.h"
+
 #include <stdlib.h>
 #include <string.h>
 
 #include "unity.h"
-
-#include "@program@.h"
-
-#define RUN(test) \
-    if (argc < 2 || strcmp(argv[1], #test) == 0) { UnityDefaultTestRun(test, #test, 0); }
 
 static int s_ended;
 
@@ -20,8 +17,11 @@ static void check_end(void)
 int main(int argc, char **argv)
 {
     if (atexit(check_end) != 0) { return 71; }
-    UnityBegin("@program@.c");
-@runs@    s_ended = 1;
+    UnityBegin(given_source);
+    for (const given_test_t *test = given_tests; test->name != NULL; test++) {
+        if (argc < 2 || strcmp(argv[1], test->name) == 0) { UnityDefaultTestRun(test->run, test->name, 0); }
+    }
+    s_ended = 1;
     int failed = UnityEnd();
     return Unity.NumberOfTests == 0u ? 72 : failed;
 }
