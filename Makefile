@@ -339,12 +339,14 @@ study: setup core messages .venv/.stamp-bench ## poses, seconds and joules until
 blind: setup core ## sealed hidden effects: what the workbench finds, and whether its probabilities are honest
 	.venv/bin/python tests/bench/blind.py
 
-sigma: setup build ## calibrations through pixels: is the stated sigma what the error is? (RUNS, SEED)
-	.venv/bin/python tests/bench/sigma.py $(if $(RUNS),--runs $(RUNS)) $(if $(SEED),--seed $(SEED))
+sigma: setup build ## calibrations through pixels: is the stated sigma what the error is? (RUNS, POSES, SEED)
+	.venv/bin/python tests/bench/sigma.py $(if $(RUNS),--runs $(RUNS)) $(if $(POSES),--poses $(POSES)) $(if $(SEED),--seed $(SEED)) \
+	    $(if $(OUT),--out $(OUT))
 
 .PHONY: sigma-short
-sigma-short: ## a few of them
-	$(Q)$(MAKE) sigma RUNS=6
+sigma-short: ## a few short ones, which determine as many coefficients each
+	@rm -f $(BUILD)/sigma-short.jsonl
+	$(Q)$(MAKE) sigma RUNS=6 POSES=8 OUT=$(BUILD)/sigma-short.jsonl
 
 alarm: setup core ## from the monitor's alarm to a calibrated arm: visits, and what a wrong suspicion does (SEEDS, FIRST)
 	.venv/bin/python tests/bench/alarm.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST))

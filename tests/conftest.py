@@ -1,5 +1,6 @@
 """What every Python test may count on."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -15,6 +16,11 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_collection_finish():
+    """What is loaded stays: the search for cycles, also that of pytest at the end, does without it."""
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")

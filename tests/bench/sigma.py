@@ -1,6 +1,7 @@
 """Calibrations through pixels, many of them: is the stated sigma of the correction what its error is?
 
-    python tests/bench/sigma.py [--runs 40] [--seed 1] [--frames measured|all] [--floor] [--out FILE]
+    python tests/bench/sigma.py [--runs 40] [--poses N] [--seed 1] [--frames measured|all] [--floor]
+                                [--out FILE]
 
 Each run is a calibration by kincal.run.inprocess.simulate of an arm with errors inside the bounds of
 tables/src/space.toml (run 0: the paper's set; the others: all 28 even between half their bounds). Frames
@@ -71,7 +72,7 @@ def truth(seed: int, run: int) -> dict[str, float]:
     return {name: float(rng.uniform(-0.5, 0.5) * bound) for name, bound in bounds().items()}
 
 
-def fly(run: int, seed: int, imager: DrawnImager, tables: Path) -> dict:
+def fly(run: int, seed: int, imager: DrawnImager, tables: Path, poses: int) -> dict:
     """One calibration."""
     errors, before = truth(seed, run), imager.n_drawn
     scenario = load("paper").model_copy(update={"arm": ArmTruth(errors=errors)})
@@ -80,7 +81,7 @@ def fly(run: int, seed: int, imager: DrawnImager, tables: Path) -> dict:
         imager.see(tick)
         return True
 
-    setup = Setup(tables=tables, world=imager.world)
+    setup = Setup(tables=tables, world=imager.world, poses=poses)
     begun = time.process_time()
     flown = simulate(scenario, 1000 * seed + run, setup, each_tick=each_tick)
     proposal = flown.log.last_session.proposal
@@ -120,6 +121,7 @@ def main(argv: list[str] | None = None) -> int:
     """The bench; exit status as above."""
     p = argparse.ArgumentParser(prog="sigma.py", description=(__doc__ or "").split("\n")[0])
     p.add_argument("--runs", type=int, default=40)
+    p.add_argument("--poses", type=int, default=0, help="of a run, besides the local ones (0: CONFIG's)")
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--frames", choices=("measured", "all"), default="measured")
     p.add_argument("--floor", action="store_true", help="with CONFIG's floor and CAMERA's sigmas")
@@ -131,7 +133,7 @@ def main(argv: list[str] | None = None) -> int:
         imager = DrawnImager(detector, o.frames == "all")
         tables = TABLES if o.floor else exact_tables(Path(folder))
         for run in sorted(set(range(o.runs)) - {line["run"] for line in lines}):
-            lines.append(fly(run, o.seed, imager, tables))
+            lines.append(fly(run, o.seed, imager, tables, o.poses))
             with o.out.open("a") as f:
                 print(json.dumps(lines[-1]), file=f)
             print(f"run {run}: {lines[-1]}", file=sys.stderr, flush=True)

@@ -4,6 +4,7 @@ import contextlib
 import os
 import socket
 import threading
+import time
 
 import poses
 import pytest
@@ -82,7 +83,7 @@ class Served:
         self._thread = threading.Thread(target=self._server.run, daemon=True)
         self._thread.start()
         while not self._server.started:
-            pass
+            time.sleep(0.01)
 
     def stop(self) -> None:
         self._server.should_exit = True

@@ -2,6 +2,7 @@
 
 import contextlib
 import threading
+import time
 
 import uvicorn
 from playwright.sync_api import expect
@@ -49,7 +50,7 @@ class Seat(Served):
         self._thread = threading.Thread(target=self._server.run, daemon=True)
         self._thread.start()
         while not self._server.started:
-            pass
+            time.sleep(0.01)
 
 
 @contextlib.contextmanager

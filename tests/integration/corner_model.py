@@ -6,6 +6,7 @@ order.
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from kincal_sim.vision import pnp
 
@@ -23,17 +24,22 @@ def vector(R):
     return cv2.Rodrigues(R)[0].ravel()
 
 
+def project(K, R, p, points) -> np.ndarray:
+    """(..., k, 2) pixels of the points at one pose or many."""
+    seen = points @ np.swapaxes(R, -1, -2) + p[..., None, :]
+    return seen[..., :2] / seen[..., 2:] * np.diag(K)[:2] + K[:2, 2]
+
+
 def jacobian(K, R, p, points) -> np.ndarray:
-    """(2k, 6) d pixels / d (position, rotation vector) in the camera frame, rotation error on the left."""
-    r = points @ R.T
-    x, y, z = (r + p).T
-    squared = np.array([depth**2 for depth in z.tolist()])
-    D, cross = np.zeros((len(points), 2, 3)), np.zeros((len(points), 3, 3))
-    D[:, 0, 0], D[:, 0, 2] = K[0, 0] / z, -K[0, 0] * x / squared
-    D[:, 1, 1], D[:, 1, 2] = K[1, 1] / z, -K[1, 1] * y / squared
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -r[:, 2], r[:, 1], -r[:, 0]
-    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = r[:, 2], -r[:, 1], r[:, 0]
-    return np.concatenate([D, -D @ cross], axis=2).reshape(-1, 6)
+    """(..., 2k, 6) d pixels / d (position, rotation vector), camera frame, rotation error on the left."""
+    r = points @ np.swapaxes(R, -1, -2)
+    x, y, z = np.moveaxis(r + p[..., None, :], -1, 0)
+    D, cross = np.zeros((*z.shape, 2, 3)), np.zeros((*z.shape, 3, 3))
+    D[..., 0, 0], D[..., 0, 2] = K[0, 0] / z, -K[0, 0] * x / z**2
+    D[..., 1, 1], D[..., 1, 2] = K[1, 1] / z, -K[1, 1] * y / z**2
+    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -r[..., 2], r[..., 1], -r[..., 0]
+    cross -= np.swapaxes(cross, -1, -2)
+    return np.concatenate([D, -D @ cross], axis=-1).reshape(*z.shape[:-1], -1, 6)
 
 
 def corner_covariance(px) -> np.ndarray:
@@ -57,7 +63,7 @@ def corner_covariance(px) -> np.ndarray:
 def fit(K, R, p, points, px, information):
     """The likeliest pose from a start nearby: R, p, chi-square, information of the pose."""
     for _ in range(20):
-        r = (px - pnp.project(K, R, p, points)).ravel()
+        r = (px - project(K, R, p, points)).ravel()
         J = jacobian(K, R, p, points)
         H = J.T @ information @ J
         step = np.linalg.solve(H, J.T @ information @ r)
@@ -88,35 +94,34 @@ def average(K, tag, px, first, second):
     J = jacobian(K, R0 @ Rt, centre, points)
     C = np.linalg.inv(J.T @ information @ J)[3:, 3:]
     reach = 0.5 * np.linalg.norm(between) + SIGMAS * np.sqrt(u @ C @ u), SIGMAS * np.sqrt(v @ C @ v)
-    poses, logs, chi2s, infos = [], [], [], []
-    for a in np.linspace(-reach[0], reach[0], 2 * ALONG + 1):
-        for b in np.linspace(-reach[1], reach[1], 2 * ACROSS + 1):
-            R, p, chi2, H = _at_tilt(K, turn(a * u + b * v) @ R0 @ Rt, centre, line, points, px, information)
-            R = R @ Rt.T
-            poses.append(np.concatenate([p - R @ pt, vector(R @ R0.T)]))
-            chi2s.append(chi2)
-            infos.append(H)
-            logs.append(-0.5 * (WEIGHT + 4.0) * np.log1p(chi2 / WEIGHT) - 0.5 * np.linalg.slogdet(H)[1])
-    w = np.exp(np.array(logs) - max(logs))
+    tilts = (np.linspace(-x, x, 2 * n + 1) for x, n in zip(reach, (ALONG, ACROSS), strict=True))
+    a, b = (x.reshape(-1, 1) for x in np.meshgrid(*tilts))
+    leaning = Rotation.from_rotvec(a * u + b * v).as_matrix() @ R0 @ Rt
+    R, p, chi2s, infos = _at_tilts(K, leaning, np.tile(centre, (len(a), 1)), line, points, px, information)
+    R = R @ Rt.T
+    poses = np.hstack([p - R @ pt, Rotation.from_matrix(R @ R0.T).as_rotvec()])
+    logs = -0.5 * (WEIGHT + 4.0) * np.log1p(chi2s / WEIGHT) - 0.5 * np.linalg.slogdet(infos)[1]
+    w = np.exp(logs - logs.max())
     w /= w.sum()
-    mean = w @ np.array(poses)
+    mean = w @ poses
     R = turn(mean[3:]) @ R0
     D = np.zeros((6, 4))
     D[:3, :3] = np.eye(3)
     D[:, 3] = [*np.cross(line, -R @ pt), *line]
     within = np.linalg.inv(np.einsum("n,nij->ij", w, infos)) * (WEIGHT + w @ chi2s) / (WEIGHT + 4.0)
-    off = np.array(poses) - mean
+    off = poses - mean
     return R, mean[:3], D @ within @ D.T + (off * w[:, None]).T @ off
 
 
-def _at_tilt(K, R, p, line, points, px, information):
-    """Position and turn about the line of sight fitted at one tilt of a tag."""
+def _at_tilts(K, R, p, line, points, px, information):
+    """Positions and turns about the line of sight, each fitted at its tilt of a tag."""
     for step in range(3):
-        r = (px - pnp.project(K, R, p, points)).ravel()
+        r = (px - project(K, R, p, points)).reshape(len(R), -1)
         J = jacobian(K, R, p, points)
-        A = np.column_stack([J[:, :3], J[:, 3:] @ line])
-        H = A.T @ information @ A
+        A = np.dstack([J[..., :3], J[..., 3:] @ line])
+        weighed = np.swapaxes(A, 1, 2) @ information
+        H = weighed @ A
         if step < 2:
-            d = np.linalg.solve(H, A.T @ information @ r)
-            R, p = turn(d[3] * line) @ R, p + d[:3]
-    return R, p, float(r @ information @ r), H
+            d = np.linalg.solve(H, weighed @ r[..., None])[..., 0]
+            R, p = Rotation.from_rotvec(d[:, 3:] * line).as_matrix() @ R, p + d[:, :3]
+    return R, p, np.einsum("ni,ij,nj->n", r, information, r), H

@@ -3,7 +3,7 @@
 The chain of frames is numpy's here: each error's column is a central difference of the tool pose that the
 camera would show. No flight kinematics in here."""
 
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import pytest
@@ -149,10 +149,16 @@ class Case:
         return self.flight.cov + S @ S.T
 
 
+@cache
+def fitted(seed):
+    """A case that nothing changes."""
+    return Case(seed, hidden_sigmas=2.0)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_covariance_is_that_of_least_squares_under_correlated_noise(seed):
     """x = (J'J)^-1 J'r, r of covariance I + H H'."""
-    case = Case(seed)
+    case = fitted(seed)
     gain = np.linalg.solve(case.J.T @ case.J, case.J.T)
     want = gain @ (np.eye(len(case.r)) + case.H @ case.H.T) @ gain.T
     scale = np.sqrt(np.diag(want))
@@ -163,7 +169,7 @@ def test_covariance_is_that_of_least_squares_under_correlated_noise(seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_chi_squares_are_those_of_generalised_least_squares(seed):
-    case = Case(seed, hidden_sigmas=2.0)
+    case = fitted(seed)
     for n in (13, N_CHAIN):
         H = case.H[:, :n]
         C = np.eye(len(case.r)) + H @ H.T
@@ -230,7 +236,7 @@ def test_an_outlier_is_found_beside_errors_of_the_chain():
 @pytest.mark.parametrize("camera_frame", [False, True])
 def test_predicted_error_is_that_of_the_joint_posterior(camera_frame):
     """Coefficients and chain in one Bayesian fit; the estimate of the coefficients alone is used in it."""
-    case = Case(3, hidden_sigmas=2.0)
+    case = fitted(3)
     full = np.hstack([case.J, case.H])
     info = full.T @ full + np.diag([0.0] * N + [1.0] * N_CHAIN)
     joint = np.linalg.inv(info)

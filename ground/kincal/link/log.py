@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -207,14 +207,16 @@ class LogSummary:
         }
 
 
-def read_log(path: Path) -> LogSummary:
-    """Read a whole log once. Messages that are damaged or of unknown channels, and places of the file that
-    hold none, are counted, not fatal. BadInput if the file holds no message."""
-    summary, file = LogSummary(path), EventFile(path, SKIP, heads={_IMAGE: channels.IMAGE_HEAD.size})
+def read_log(path: Path, only: Collection[str] = channels.BY_NAME) -> LogSummary:
+    """Read a whole log once; only: channels that are of interest, most of the time goes into the others.
+    Messages that are damaged or of other channels, and places of the file that hold none, are counted, not
+    fatal. BadInput if the file holds no message."""
+    skip = SKIP | (channels.BY_NAME.keys() - only)
+    summary, file = LogSummary(path), EventFile(path, skip, heads={_IMAGE: channels.IMAGE_HEAD.size})
     for event in file:
         summary.n_messages += 1
         summary.counts[event.channel] += 1
-        if event.channel in channels.BY_NAME:
+        if event.channel in only:
             _add_event(summary, event)
     summary.damaged = file.damaged
     if summary.n_messages == 0:

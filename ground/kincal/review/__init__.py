@@ -307,7 +307,7 @@ def coef_names(tables_dir: Path, terms_crc: int = 0) -> list[str]:
 
 def find(path: Path, crc: str | None, tables_dir: Path) -> Review:
     """A proposal of a log by CRC, or the last one."""
-    sessions = [s for s in read_log(path).sessions.values() if s.proposal is not None]
+    sessions = [s for s in read_log(path, ["KC_PROPOSAL"]).sessions.values() if s.proposal is not None]
     wanted = None if crc is None else parse_crc(crc)
     held = [(s.proposal, s.disputed) for s in sessions if s.proposal is not None]
     held = [(p, disputed) for p, disputed in held if wanted in (None, unsigned32(p.crc))]

@@ -202,7 +202,8 @@ def _values_in(place: Path) -> list[KinValues]:
         if place.suffix == ".tbl":
             image, kin = decode_as("kin", place.read_bytes(), str(place))
             return [KinValues(image.crc, tuple(kin.value[0 : kin.n_coef]), str(place))]
-        proposals = [s.proposal for s in read_log(place).sessions.values() if s.proposal is not None]
+        sessions = read_log(place, ["KC_PROPOSAL"]).sessions.values()
+        proposals = [s.proposal for s in sessions if s.proposal is not None]
     except (KincalError, OSError):
         return []  # what cannot be read holds nothing
     # a message carries no signature: it counts only if its values make the table that it names

@@ -47,7 +47,7 @@ def residuals(
     from kincal.workbench.data.readers.lcm import read_log as read_measurements
 
     arm = Arm.of_table(flown.arm)
-    found = read_log(log).sessions.get(session)
+    found = read_log(log, ["KC_MEAS"]).sessions.get(session)
     if found is None or not found.measurements:
         return ()
     try:

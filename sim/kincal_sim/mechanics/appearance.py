@@ -6,6 +6,7 @@ compiled model, before a Camera is made.
 
 from __future__ import annotations
 
+from functools import cache
 from xml.etree import ElementTree as ET
 
 import cv2
@@ -76,6 +77,7 @@ def _fractal_noise(rng: np.random.Generator, n: int, exponent: float) -> np.ndar
     return (field - field.min()) / (field.max() - field.min())
 
 
+@cache  # a process that flies many cases fills the textures of each
 def _ice(n: int) -> np.ndarray:
     """(n, n, 3) cracked ice."""
     rng = np.random.default_rng(7)
@@ -89,6 +91,7 @@ def _ice(n: int) -> np.ndarray:
     return np.clip(grey[..., None] * tint, 0, 255).astype(np.uint8)
 
 
+@cache
 def _deck(n: int) -> np.ndarray:
     """(n, n, 3) golden blanket panels with seams and rivets."""
     rng = np.random.default_rng(8)

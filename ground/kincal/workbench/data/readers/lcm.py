@@ -81,7 +81,8 @@ def _session(path: Path, number: int | None) -> tuple[int, Sequence[Meas]]:
     """Number and measurements of a session."""
     from kincal import link  # needs the messages' types; a CSV does not
 
-    found = {n: s.measurements for n, s in link.read_log(path).sessions.items() if s.measurements}
+    sessions = link.read_log(path, ["KC_MEAS"]).sessions
+    found = {n: s.measurements for n, s in sessions.items() if s.measurements}
     if not found:
         raise BadInput(f"{path}: holds no measurement (channel KC_MEAS); record a calibration")
     number = max(found) if number is None else number
