@@ -267,7 +267,7 @@ lint-python: | .venv/.stamp-dev ## ruff: rules and lay-out
 	    { .venv/bin/ruff format --check --config tests/ruff.toml ground sim tests; exit 1; }
 
 lint-types: stubs | .venv/.stamp-dev ## mypy, strict, over the ground tool and the simulator
-	$(Q).venv/bin/mypy --config-file tests/mypy.ini ground/kincal ground/kincal_shared sim/kincal_sim
+	$(Q)$(PY) tests/lint/typed.py --config-file tests/mypy.ini ground/kincal ground/kincal_shared sim/kincal_sim
 
 lint-layers: | .venv/.stamp-dev ## import-linter: Python packages import downwards
 	$(Q).venv/bin/lint-imports --config tests/layers.ini --cache-dir $(BUILD)/import-linter
