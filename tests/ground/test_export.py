@@ -666,7 +666,7 @@ def folder(tmp_path_factory):
     """An arm, its measurements and a fitted model."""
     out = tmp_path_factory.mktemp("export")
     poses.arm_toml(out / "arm.toml")
-    poses.poses_csv(out / "poses.csv", 60, 3, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0]))
+    poses.poses_csv(out / "poses.csv", 40, 3, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0]))
     well(out, "model", "add", "--model", "M.toml", "backlash[4]", "tag_scale")
     well(out, "model", "fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml")
     return out
@@ -694,8 +694,8 @@ def test_model_file_holds_frames_split_data_hash_version_and_covariance(folder):
     fit = model.fit
     assert fit.tool_version == package.__version__
     assert fit.data[0].sha256 == hashlib.sha256((folder / "poses.csv").read_bytes()).hexdigest()
-    assert len(fit.held) == 15
-    assert fit.poses == 60
+    assert len(fit.held) == 10
+    assert fit.poses == 40
     sigma = [row[-1] ** 0.5 for row in fit.covariance]
     assert sigma == pytest.approx([s for _, s in model.values.values()], rel=1e-6)
     assert fit.position_change_mm["backlash[4]"] == pytest.approx(1.5, abs=0.8)
