@@ -8,6 +8,7 @@ import ast
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 from mutants import Mutant
 
@@ -73,10 +74,14 @@ class Source:
             for start, end, text, place in self._block(self.tree.body, Place("", (), True))
         ]
 
+    @cached_property
+    def _said(self) -> str:
+        return ast.dump(self.tree)
+
     def differs(self, mutant: Mutant) -> bool:
         """Whether it can be loaded and says something else."""
         try:
-            return ast.dump(ast.parse(mutant.of(self.text))) != ast.dump(self.tree)
+            return ast.dump(ast.parse(mutant.of(self.text))) != self._said
         except SyntaxError:
             return False
 

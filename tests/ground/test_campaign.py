@@ -512,25 +512,6 @@ def test_a_function_flies_all_combinations_with_each_seed(tmp_path):
         campaign.replay(tmp_path / "out", 0, tmp_path / "log")
 
 
-def test_a_function_goes_on_with_more_cases_and_flies_those_that_are_asked_for(tmp_path, scheduler):
-    path = function_file(tmp_path)
-    text = path.read_text()
-    end = run(campaign.prepare(path), tmp_path / "out", indices=[1, 4])
-    assert (end.done, end.of, end.flown) == (2, 2, 2)
-    kept = store.parts(tmp_path / "out")[0].read_bytes()
-    end = run(campaign.prepare(path), tmp_path / "out", scheduler=scheduler, batch=10)
-    assert (end.done, end.of, end.flown) == (6, 6, 4)
-    assert store.parts(tmp_path / "out")[0].read_bytes() == kept
-    more = text.replace("cases = 6", "cases = 8")
-    end = run(campaign.prepare(spec_file(tmp_path, more)), tmp_path / "out")
-    assert (end.done, end.flown) == (8, 2)
-    found = rows(tmp_path / "out")
-    assert [r["index"] for r in found] == list(range(8))
-    fewer = text.replace("cases = 6", "cases = 3")
-    run(campaign.prepare(spec_file(tmp_path, fewer)), tmp_path / "out")
-    assert rows(tmp_path / "out") == found[:3]
-
-
 def test_what_the_cases_of_a_function_show(tmp_path):
     flown(
         tmp_path, FUNCTION + '[[requirement]]\nname = "r"\nholds = \'ended != "died"\'\nprobability = 0.5\n'
@@ -940,18 +921,37 @@ def test_an_unfinished_campaign_passes_nothing(whole, tmp_path):
 
 @pytest.fixture(scope="module")
 def scheduler():
-    """Address of a scheduler with two workers, all as processes."""
+    """Address of a scheduler with a worker, all as processes."""
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as made_cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as made_cluster:
         yield made_cluster.scheduler_address
 
 
-def test_a_scheduler_with_two_workers_gives_the_same(whole, tmp_path, scheduler):
+def test_a_scheduler_gives_the_same(whole, tmp_path, scheduler):
     path, undisturbed = whole
     end = run(campaign.prepare(path), tmp_path / "out", scheduler=scheduler, batch=10)
     assert end.flown == CASES
     assert rows(tmp_path / "out") == rows(undisturbed)
+
+
+def test_a_function_goes_on_with_more_cases_and_flies_those_that_are_asked_for(tmp_path, scheduler):
+    path = function_file(tmp_path)
+    text = path.read_text()
+    end = run(campaign.prepare(path), tmp_path / "out", indices=[1, 4])
+    assert (end.done, end.of, end.flown) == (2, 2, 2)
+    kept = store.parts(tmp_path / "out")[0].read_bytes()
+    end = run(campaign.prepare(path), tmp_path / "out", scheduler=scheduler, batch=10)
+    assert (end.done, end.of, end.flown) == (6, 6, 4)
+    assert store.parts(tmp_path / "out")[0].read_bytes() == kept
+    more = text.replace("cases = 6", "cases = 8")
+    end = run(campaign.prepare(spec_file(tmp_path, more)), tmp_path / "out")
+    assert (end.done, end.flown) == (8, 2)
+    found = rows(tmp_path / "out")
+    assert [r["index"] for r in found] == list(range(8))
+    fewer = text.replace("cases = 6", "cases = 3")
+    run(campaign.prepare(spec_file(tmp_path, fewer)), tmp_path / "out")
+    assert rows(tmp_path / "out") == found[:3]
 
 
 def test_other_software_on_a_worker_is_refused(whole, tmp_path, scheduler, monkeypatch):

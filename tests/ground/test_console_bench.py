@@ -118,17 +118,6 @@ def test_a_comparison_runs_beside_the_server_and_its_answer_is_kept(filled):
     assert not filled.answer("compare")["current"]
 
 
-def test_a_fit_leaves_a_model_to_take_away_and_its_held_out_errors(filled):
-    filled.run("fit")
-    assert finished(filled).status == "done", filled.work.job.text
-    answer = filled.answer("fit")
-    assert "M.toml" in answer["files"] and filled.file("fit", "M.toml").read_text()
-    errors = filled.case.fits[-1]["errors"]
-    assert errors[0]["model"] == "nominal" and errors[-1]["mm"] < 0.7 * errors[0]["mm"]
-    with pytest.raises(BadInput, match="no such file"):
-        filled.file("fit", "../../case.json")
-
-
 def test_a_cancelled_task_ends_and_leaves_what_was_there(filled):
     filled.run("diagnose")
     process = filled.work._process
@@ -199,7 +188,7 @@ def test_what_is_wrong_with_an_own_effect_is_said_at_its_field(bench, changes, f
     assert not list(bench.folder.rglob("*.toml"))
 
 
-def test_an_own_effect_is_in_the_library_and_in_a_fit(filled):
+def test_an_own_effect_is_in_the_library_and_in_a_fit_with_files_to_take_away(filled):
     with pytest.raises(BadInput, match="no effect 'odd_coupling'"):
         filled.effects(["odd_coupling"])
     assert filled.form(OWN)["ok"]
@@ -211,6 +200,10 @@ def test_an_own_effect_is_in_the_library_and_in_a_fit(filled):
     assert "odd_coupling" in model and str(filled.own) in model
     names = set(filled.answer("fit")["files"])
     assert {"calibrated_arm.py", "calibrated_arm.c", "calibrated_dh.toml", "calibrated_arm.urdf"} <= names
+    errors = filled.case.fits[-1]["errors"]
+    assert errors[0]["model"] == "nominal" and errors[-1]["mm"] < 0.7 * errors[0]["mm"]
+    with pytest.raises(BadInput, match="no such file"):
+        filled.file("fit", "../../case.json")
 
 
 def test_an_effect_that_is_none_or_at_no_joint_is_refused(filled):
