@@ -75,6 +75,7 @@ def diagnose(
     if serial is not None:
         evaluation = evaluation.by_stretches()
         kept = holding(study, kept, evaluation)
+        serial = correlated_noise(evaluation, kept.model) or serial  # in what those leave that hold
     asked = texts_of(hypotheses) if given is None else given
     answer = conclude(evaluation, kept, serial)
     advice = advised(arm, data, library, asked, kept.model, dh=dh, outliers=answer.outliers.ids)

@@ -86,8 +86,8 @@ def _taken(state: State, h: Hypothesis) -> State:
 
 def with_settled(study: Study, state: State, h: Hypothesis) -> State:
     """The model with an effect that wins. Several joints that settle: what all have alike, and half as many
-    joints at most, in the place of those that are needed, where that explains more with fewer coefficients: a
-    lagging sensor is no error of joints."""
+    joints at most, in the place of those that are needed, where that explains more with no more coefficients:
+    a lagging sensor is no error of joints."""
     if len(h.parameters) < _SEVERAL or not h.of_last_move:
         return _taken(state, h)
     posterior = study.posterior(state.model)
@@ -96,9 +96,10 @@ def with_settled(study: Study, state: State, h: Hypothesis) -> State:
     of_one = [x for x in lone if len(x.parameters[0].terms) == 1]
     several = fewest_joints(posterior.scorer, h) or h
     [(_, instead_of)] = posterior.scorer.hypotheses([several])
-    found = [_with_few(study, posterior.scorer, x, of_one, len(several.parameters) // 2) for x in of_all]
+    most = (len(several.parameters) + 1) // 2
+    found = [_with_few(study, posterior.scorer, x, of_one, most) for x in of_all]
     best, models = max(found, key=lambda one: one[0], default=(-math.inf, ()))
-    if best < instead_of + math.log(ACCEPT_ODDS):
+    if best < instead_of:
         return _taken(state, h)
     return reduce(_taken, models, state)
 
