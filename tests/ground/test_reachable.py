@@ -127,7 +127,7 @@ def real_set(folder, name, most=None):
     ("folder", "name", "most", "reached_mm"),
     [
         ("wam", "wam", None, 1.47),
-        ("ur5", "ur5", 400, 0.079),
+        ("ur5", "ur5", 250, 0.079),
         ("ur10", "ur10d", None, 0.264),
         ("fr3", "fr3", None, 1.0),
     ],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -149,7 +149,7 @@ def fit_nested(
             progress(f"{block.name}: {step.label}", number, len(todo))
             fitted.append(held_out.residuals(step.hypotheses, step.dh))
         models += held_out.models([step.label for step in steps], fitted)
-        gains += held_out.gains(groups, hypotheses, fitted)
+        gains += [held_out.gain(name, group, hypotheses, fitted[-1]) for name, group in groups.items()]
     return NestedModels(tuple(models), floor, tuple(gains))
 
 
@@ -242,7 +242,8 @@ def _steps(groups: dict[str, list[Hypothesis]], dh: bool) -> Iterator[_Step]:
 class _HeldOut:
     """One block with its frames found: fits models to its fit poses, measures them on the held ones.
 
-    usual: (M,) held-out poses that are no outliers; all, where there is no other."""
+    usual: (M,) held-out poses that are no outliers; all, where there is no other; fitted: residuals of the
+    models so far, since the model before an effect may be the whole one without it."""
 
     arm: ArmTable
     block: Block
@@ -251,6 +252,7 @@ class _HeldOut:
     usual: Mask
     frames: Frames
     dh: bool
+    fitted: dict[tuple[bool, Sequence[Hypothesis]], Array] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -262,7 +264,11 @@ class _HeldOut:
 
     def residuals(self, hypotheses: Sequence[Hypothesis], dh: bool) -> Array:
         """(M, c) residuals of the held-out poses."""
-        return fit_model(self.arm, self.part, hypotheses, dh=dh, frames=self.frames).predict(self.held)
+        key = dh, tuple(hypotheses)
+        if key not in self.fitted:
+            fit = fit_model(self.arm, self.part, hypotheses, dh=dh, frames=self.frames)
+            self.fitted[key] = fit.predict(self.held)
+        return self.fitted[key]
 
     def models(self, labels: Sequence[str], fitted: Sequence[Array]) -> list[NestedModel]:
         """Each model beside the one before it."""
@@ -289,30 +295,11 @@ class _HeldOut:
         noise = np.einsum("nii->n", self.held.cov[:, :3, :3]).mean()
         return float(np.sqrt(max(0.0, square.mean() - noise)))
 
-    def gains(
-        self,
-        groups: dict[str, list[Hypothesis]],
-        hypotheses: Sequence[Hypothesis],
-        fitted: Sequence[Array],
-    ) -> Iterator[EffectGain]:
-        """What each effect brings beside all others. fitted: residuals of the nested models, the whole one
-        last; if there is only one effect, the model before it is the one without it."""
-        for name, group in groups.items():
-            without = fitted[-2] if len(groups) == 1 else None
-            yield self.gain(name, group, hypotheses, fitted[-1], without)
-
     def gain(
-        self,
-        name: str,
-        group: Sequence[Hypothesis],
-        hypotheses: Sequence[Hypothesis],
-        whole: Array,
-        without: Array | None = None,
+        self, name: str, group: Sequence[Hypothesis], hypotheses: Sequence[Hypothesis], whole: Array
     ) -> EffectGain:
-        """What a group of the hypotheses brings beside the others. whole, without: (M, c) residuals with and
-        without it, the latter None if no fit gave them yet."""
-        if without is None:
-            without = self.residuals([h for h in hypotheses if h not in group], self.dh)
+        """What a group of the hypotheses brings beside the others. whole: (M, c) residuals with all."""
+        without = self.residuals([h for h in hypotheses if h not in group], self.dh)
         before, after = _square(without), _square(whole)
         groups = self.held.repeats
         ratio, interval = held_ratio(after, before, groups)
