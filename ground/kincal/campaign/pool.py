@@ -21,7 +21,7 @@ from kincal_shared.errors import CommandFailed
 
 from .plan import Case
 
-CASES_OF_PROCESS = 200  # then a fresh one: what MuJoCo and LCM keep of every run would come to gigabytes
+CASES_OF_PROCESS = 400  # then a fresh one: every run leaves a third of a MB, which would come to gigabytes
 TRIES = 2
 # -P: no modules of the folder in which the command is called
 COMMAND = (sys.executable, "-P", "-m", "kincal.campaign.worker")

@@ -52,7 +52,7 @@ class _Waiting:
         for name, messages in waiting.items():
             due, later = _split(messages, now_us)
             due = _ORDER.get(name, _by_number)(due)
-            room = len(getattr(_ROOM, name))
+            room = _ROOM[name]
             if later or due[room:]:
                 self._waiting[name] = later + due[room:]
             yield name, due[:room]
@@ -82,8 +82,10 @@ def _by_number(due: list[Any]) -> list[Any]:
 
 # Orders of fsw/lcm/kc_queue.c other than by number, by member.
 _ORDER = {"cmd": _in_turn, "chunk": _by_place}
-_ROOM = _FLIGHT.new("kc_in_t")
-_QUEUED = {name[2:] for name, _ in _FLIGHT.ffi.typeof("kc_in_t").fields or () if name.startswith("n_")}
+_FIELDS = dict(_FLIGHT.ffi.typeof("kc_in_t").fields or ())
+_QUEUED = {name[2:] for name in _FIELDS if name.startswith("n_")}
+# How much of each a step takes.
+_ROOM = {name: cast(Any, _FIELDS[name]).type.length for name in _QUEUED if name in _FIELDS}
 
 
 def _split(waiting: list[_M], now_us: int) -> tuple[list[_M], list[_M]]:
@@ -115,7 +117,7 @@ class FlightSoftware:
         self._app = cast("KcApp", _FLIGHT.ffi.addressof(cast(Any, _FLIGHT.lib), "kc_app_instance"))
         self._step = _LIB.kc_app_step
         self._in, self._out = _FLIGHT.new("kc_in_t"), _FLIGHT.new("kc_out_t")
-        self._inputs, self._outputs = wire.place(self._in), wire.place(self._out)
+        self._inputs, self._outputs = wire.place(self._in), wire.Outputs(wire.place(self._out))
         self._newest_of = {name: self._inputs.member(name) for name in ("arm", "pantilt")}
         self._states = wire.States(self._inputs)
         self._states_given = self._others_given = False  # since the last step
@@ -166,12 +168,12 @@ class FlightSoftware:
         self._states_given = False
         if self._others_given:
             self._clear()
-        counts = wire.counts(self._outputs.memory)
+        counts = self._outputs.counts()
         if counts is None:
             return []
         if self._out.n_store:
             self._store_all()
-        published = wire.messages(self._outputs, counts, now_us, self._event_seq)
+        published = self._outputs.messages(counts, now_us, self._event_seq)
         self._event_seq += self._out.events.n
         return published
 

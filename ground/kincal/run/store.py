@@ -47,11 +47,11 @@ class Store:
             for slot in SLOTS:
                 self._put(kind, slot, None)
             return
-        numbers = {slot: self._number(kind, slot) for slot in SLOTS}
-        slot, newest = ("b", "a") if numbers["b"] < numbers["a"] else ("a", "b")
-        if numbers[newest] and self.slots[kind, newest][_HEADER_BYTES:] == data:
+        a, b = self._number(kind, "a"), self._number(kind, "b")
+        slot, newest, last = ("b", "a", a) if b < a else ("a", "b", b)
+        if last and self.slots[kind, newest][_HEADER_BYTES:] == data:
             return
-        number = max(numbers.values()) + 1
+        number = last + 1
         header = _HEADER.pack(_MAGIC, kind, number, len(data))
         whole = header + _CRC.pack(zlib.crc32(data, zlib.crc32(header))) + data
         self._put(kind, slot, whole)

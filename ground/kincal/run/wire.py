@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import re
 import struct as packing
+from collections import deque
 from collections.abc import Callable, Iterable
 from functools import cache
+from itertools import repeat
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
@@ -361,37 +363,56 @@ def clear(inputs: Place) -> None:
 # ---- out
 
 
-_COUNTS = _Layout(_FLIGHT.ffi.typeof("kc_out_t"), lambda name: name.startswith(("n_", "has_"))).unpack_from
-_EVENTS = _Layout(_FLIGHT.ffi.typeof("kc_events_t"), lambda name: name == "n").unpack_from
-_EVENTS_AT = _members(_FLIGHT.ffi.typeof("kc_out_t"))["events"].offset
-_NO_COUNTS, _NO_EVENTS = (0,) * (2 + len(_OUTPUTS)), (0,)
+def _counting() -> packing.Struct:
+    """How much is in kc_out_t, in the order of its members: of events too, which count themselves."""
+    form, end = "=", 0
+    for name, field in _FLIGHT.ffi.typeof("kc_out_t").fields or ():
+        at, number = field.offset, field.type
+        if name == "events":
+            inner = _members(field.type)["n"]
+            at, number = at + inner.offset, inner.type
+        elif not name.startswith(("n_", "has_")):
+            continue
+        form += f"{at - end}x{_CODES[number.cname]}"
+        end = at + _FLIGHT.ffi.sizeof(number)
+    return packing.Struct(form)
 
 
-def counts(memory: Any) -> tuple[int, ...] | None:
-    """How much a step gave: answers, store requests, outputs of KC_OUT_LIST, events. None: nothing.
-    memory: kc_out_t."""
-    found, events = _COUNTS(memory), _EVENTS(memory, _EVENTS_AT)
-    return None if found == _NO_COUNTS and events == _NO_EVENTS else found + events
+_COUNTS = _counting().unpack_from
+_NO_COUNTS = (0,) * (3 + len(_OUTPUTS))
 
 
-def messages(out: Place, counts: tuple[int, ...], t_us: int, event_seq: int) -> list[Message]:
-    """What flight publishes after a step, in its order. counts: of this step; t_us: its mission time;
-    event_seq: number of the last event before it."""
-    n_ack, _, *has, n_event = counts
-    found: list[Message] = []
-    if n_ack:
-        acks = out.member("ack")
-        found += (("KC_ACK", _message("ack_t", acks.entry(k), t_us)) for k in range(n_ack))
-    if n_event:
-        events = out.member("events").member("e")
+class Outputs:
+    """What a step of flight gave, in a kc_out_t that is used again and again."""
+
+    def __init__(self, out: Place) -> None:
+        self._memory = out.memory
+        self._acks, self._events = out.member("ack"), out.member("events").member("e")
+        self._ack = _reading("ack_t", self._acks.ctype.item)
+        self._event = _reading("event_t", self._events.ctype.item)
+        places = [(channel, out.member(name)) for name, channel in _OUTPUTS]
+        self._others = [(c, _reading(BY_NAME[c].type, place.ctype), place) for c, place in places]
+
+    def counts(self) -> tuple[int, ...] | None:
+        """How much: answers, store requests, events, outputs of KC_OUT_LIST. None: nothing."""
+        found = _COUNTS(self._memory)
+        return None if found == _NO_COUNTS else found
+
+    def messages(self, counts: tuple[int, ...], t_us: int, event_seq: int) -> list[Message]:
+        """What flight publishes after a step, in its order. counts: of this step; t_us: its mission time;
+        event_seq: number of the last event before it."""
+        n_ack, _, n_event, *has = counts
+        found: list[Message] = []
+        for k in range(n_ack):
+            found.append(("KC_ACK", self._ack.message(self._acks.entry(k), t_us)))
         for k in range(n_event):
-            event = _message("event_t", events.entry(k), t_us)
+            event = self._event.message(self._events.entry(k), t_us)
             event.seq = event_seq + k + 1
             found.append(("KC_EVENT", event))
-    for (name, channel), there in zip(_OUTPUTS, has, strict=True):
-        if there:
-            found.append((channel, _message(BY_NAME[channel].type, out.member(name), t_us)))
-    return found
+        for (channel, reading, place), there in zip(self._others, has, strict=True):
+            if there:
+                found.append((channel, reading.message(place, t_us)))
+        return found
 
 
 class _Reading:
@@ -400,10 +421,27 @@ class _Reading:
     def __init__(self, type_name: str, ctype: Any) -> None:
         self.kind: Any = message_type(type_name)
         self.layout = _Layout(ctype, lambda name: name in self.kind.__slots__)
-        self.alike = [(name, self.layout.at[name], array) for name, array in self.layout.fields]
+        self.alike = [name for name, _ in self.layout.fields]
+        self.values = itemgetter(*self.layout.at.values(), 0)  # 0: of one index alone it would give no tuple
         self.elsewhere = [self._kept(ctype, *group) for group in _elsewhere(type_name).items()]
         self.zeros = _zeros(type_name)
         self.stamped = _stamped(type_name)
+
+    def message(self, struct: Place, t_us: int) -> Any:
+        """A message of a struct. t_us: its time, if the struct has none."""
+        message = self.kind.__new__(self.kind)
+        values = self.values(self.layout.read(struct))
+        # Hundreds in a run: half the time of a loop.
+        deque(map(setattr, repeat(message), self.alike, values), maxlen=0)
+        for layout, beyond, fields in self.elsewhere:
+            values = layout.read(struct, beyond)
+            for name, at, made in fields:
+                setattr(message, name, made(_listed(values[at])))
+        for name, zeros in self.zeros.items():
+            setattr(message, name, _listed(zeros))
+        if self.stamped:
+            message.t_us = t_us
+        return message
 
     @staticmethod
     def _kept(ctype: Any, path: tuple[str, ...], fields: list[_Kept]) -> tuple[_Layout, int, list[_Made]]:
@@ -422,24 +460,6 @@ class _Reading:
 
 _Made: TypeAlias = "tuple[str, int | slice, Callable[[Any], Any]]"
 _reading = cache(_Reading)
-
-
-def _message(type_name: str, struct: Place, t_us: int) -> Any:
-    """A message of a struct. t_us: its time, if the struct has none."""
-    reading = _reading(type_name, struct.ctype)
-    message = reading.kind.__new__(reading.kind)
-    values = reading.layout.read(struct)
-    for name, at, array in reading.alike:
-        setattr(message, name, list(values[at]) if array else values[at])
-    for layout, beyond, fields in reading.elsewhere:
-        values = layout.read(struct, beyond)
-        for name, at, made in fields:
-            setattr(message, name, made(_listed(values[at])))
-    for name, zeros in reading.zeros.items():
-        setattr(message, name, _listed(zeros))
-    if reading.stamped:
-        message.t_us = t_us
-    return message
 
 
 @cache

@@ -26,7 +26,6 @@ from .tags import Tag
 MAX_TAGS = 4
 # Corners that moved less than this [px] since the frame before: the scene rests.
 _REST_PX = 0.02
-_CORNER_BEFORE = np.array([3, 0, 1, 2])
 _UPPER = np.ravel_multi_index(np.triu_indices(6), (6, 6))
 PoseAndCovariance = tuple[pnp.Pose, np.ndarray]
 
@@ -68,16 +67,21 @@ def _facing_tags(cfg: Config, T_cam_tool: np.ndarray) -> Iterator[Visible]:
         if incidence > most_rad:
             continue
         px = pnp.project(cfg.K, R, p, tag.tool_corners_m)
-        edges_px = px - px[_CORNER_BEFORE]
-        edges_px *= edges_px
-        if math.sqrt(edges_px.sum(1).min()) >= detection["min_edge_px"]:
+        if _shortest_edge(px.tolist()) >= detection["min_edge_px"]:
             yield Visible(tag, px, incidence)
+
+
+# For a few corners plain numbers are quicker than arrays.
+def _shortest_edge(corners: list[list[float]]) -> float:
+    before = (corners[-1], *corners[:-1])
+    edges = ((u - a, v - b) for (u, v), (a, b) in zip(corners, before, strict=True))
+    return math.sqrt(min(du * du + dv * dv for du, dv in edges))
 
 
 def _in_image(cfg: Config, px: np.ndarray) -> bool:
     m = cfg.detection["margin_px"]
-    x_max, y_max = px.max(0).tolist()
-    return bool(px.min() >= m and x_max <= cfg.width_px - 1.0 - m and y_max <= cfg.height_px - 1.0 - m)
+    right, bottom = cfg.width_px - 1.0 - m, cfg.height_px - 1.0 - m
+    return all(m <= u <= right and m <= v <= bottom for u, v in px.tolist())
 
 
 def _unobstructed(
