@@ -163,11 +163,11 @@ def lagging(data, share):
     return with_direction(replace(data, p_m=data.p_m - share * step))
 
 
-def slow_walk(rng, count):
+def slow_walk(rng, count, size=0.03):
     """Steps of some hundredths of a radian that change their length and direction."""
     step = np.zeros((count, 7))
     for k in range(1, count):
-        step[k] = 0.8 * step[k - 1] + 0.03 * rng.normal(size=7)
+        step[k] = 0.8 * step[k - 1] + size * rng.normal(size=7)
     x = np.cumsum(step, axis=0)
     x -= 0.5 * (x.max(axis=0) + x.min(axis=0))
     return 0.5 * (LOW + HIGH) + x * np.minimum(1.0, 0.4 * (HIGH - LOW) / np.abs(x).max(axis=0))
@@ -232,6 +232,16 @@ def test_after_short_moves_a_sensor_that_lags_is_what_joints_do_that_all_settle_
     assert found.doubts.evidence > 0.95 and "sensor" in found.inspect
     assert abs(found.parameters[0].value + 4e-3) < 1e-3
     assert advise(d, library)  # poses that tell it from joint_settling: no unnamed function takes part
+
+
+def test_a_lag_that_the_tool_shows_better_is_no_less_a_lag(arm, library):
+    """`measurement_lag` stood in the model with P = 2e-8: the sensor that it names was held against it."""
+    rng = np.random.default_rng(14)
+    q = slow_walk(rng, 100, 0.1)
+    d = wb.diagnose(arm, lagging(measured(rng, q, 0.0 * q), 4e-3), library)
+    [found] = [e for e in d.effects if e.in_model]
+    assert found.name == "measurement_lag" and LAG in found.confounded_with
+    assert found.probability > 0.9 and found.doubts.identity > 0.9
 
 
 @pytest.mark.parametrize("k", [4e-3, -4e-3], ids=["cancels the lag", "adds to it"])

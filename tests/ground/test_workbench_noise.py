@@ -14,6 +14,7 @@ from kincal.workbench.comparison.compare import compare
 from kincal.workbench.diagnosis.study import Study
 from kincal.workbench.evidence.adequacy import ADEQUATE_P, NoiseFloor, lack_of_fit, noise_floor
 from kincal.workbench.fit.least_squares import _leverage, fit_model
+from kincal.workbench.report import explain
 
 LEVER_M = np.array([0.05, 0.02, 0.4])  # from the sensor's target to the tool
 SIGMA_ROT_RAD, SIGMA_POS_M = np.array([3e-3, 2e-3, 1e-3]), 2e-4
@@ -41,6 +42,16 @@ def measured(n, seed, stated=False, root=None):
         quat_wxyz=turned.as_quat(scalar_first=True), t_s=np.arange(n, dtype=float),
         cov=np.tile(root @ root.T, (n, 1, 1)) if stated else None,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(("times", "said"), [(1.0, ""), (1.4, ", if their noise is 1.35 times")])
+def test_noise_above_the_stated_one_is_said_where_a_model_passes_with_it(arm, library, times, said):
+    """Up to 1.5 times it passed without a word."""
+    data = measured(90, 5, stated=True)
+    d = wb.diagnose(arm, replace(data, cov=data.cov / times**2), library)
+    assert d.adequate and explain.if_noisier(d.comparison).startswith(said)
+    assert bool(said) == ("times the stated one" in explain.verdict(d))
+    assert bool(said) == ("times the stated one" in explain.adequacy(d.comparison))
 
 
 def test_the_noise_floor_does_not_depend_on_what_a_model_calls_an_outlier():

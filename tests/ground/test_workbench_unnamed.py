@@ -18,11 +18,12 @@ from kincal.workbench.diagnosis import additions
 from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.evidence import smooth
 from kincal.workbench.evidence.bayes_factors import Projector
-from kincal.workbench.evidence.products import product_dictionary, score_products, spots
+from kincal.workbench.evidence.products import product_groups, score_products
 from kincal.workbench.evidence.scoring import Scorer, bulk_weights
 from kincal.workbench.evidence.unnamed import cell_moments, cells
 from kincal.workbench.fit.least_squares import fit_model, rms
 from kincal.workbench.model.flight_model import observations
+from kincal.workbench.model.shapes import FAMILIES
 from kincal.workbench.model.uplink import term_image
 
 NOISE_M = float(np.linalg.norm(poses.SIGMA[:3]))
@@ -131,8 +132,8 @@ def test_mean_over_the_dictionary_pays_for_every_product(arm, measured):
     fit = fit_model(arm, measured)
     scorer = scorer_of(fit)
     found = score_products(scorer.columns, scorer.projector, scorer.wz, scorer.noise)
-    tries = len(product_dictionary(scorer.columns).bases) * len(spots(scorer.columns))
-    assert tries > 10_000
+    tries = sum(group.tries for group in product_groups(scorer.columns))
+    assert tries > 30_000
     assert found.ln_mean() <= found.best[0].ln_bf - np.log(tries / 512)
     assert found.ln_mean() >= found.best[0].ln_bf - np.log(2 * tries)
     assert found.ln_mean([0]) < found.ln_mean()
@@ -245,6 +246,38 @@ def test_flight_computes_the_same_poses_with_these_terms(arm, measured, added):
     table = tables.decode_as("terms", term_image(arm, [h], poses.flown()).data)[1]
     flown = Model(Arm.of(arm, fit.base, fit.tool), Terms.of_table(table), observations(arm, measured))
     assert flown.poses(fit.estimate).p_m == pytest.approx(fit.model.poses(fit.estimate).p_m, abs=1e-12)
+
+
+# ------------------------------------------------------------------------------------------- fast waves
+
+
+@pytest.mark.parametrize(
+    ("wave", "drivers"),
+    [(lambda q: np.sin(5 * q[0] + 1.0) * np.sin(5 * q[2] + 0.5), ("q1", "q3")),
+     (lambda q: np.sin(5 * q[0] + 0.4), ("q1",)), (lambda q: np.sin(7 * q[1] + 0.4), ("q2",))],
+    ids=["of two other joints", "of another joint", "of the joint itself"],
+)  # fmt: skip
+def test_waves_of_one_joint_or_two_are_found_with_their_drivers(arm, library, tmp_path, wave, drivers):
+    """That of two was noise (`adequate`) or of other joints; that of one of two others, P = .95."""
+
+    def true_q(q, _direction):
+        return q + np.array([0, 1.5e-3 * wave(q), 0, 0, 0, 0, 0])
+
+    path = poses.poses_csv(tmp_path / "d.csv", 100, 8, true_q, noise_size=0.3, position_only=True)
+    data = replace(wb.read_csv(path, 7), cov=None, cam_p_m=None, cam_quat_wxyz=None, direction=None)
+    d = wb.diagnose(arm, data, library)
+    assert d.verdict == "novel" and (d.novel.location, d.novel.depends_on) == ("joint 2", drivers)
+    assert d.novel.held.gains and d.novel.held.after_m < 0.75 * d.novel.held.before_m
+
+
+def test_waves_of_two_joints_pay_for_their_number(arm, measured):
+    """Else of nothing they were the best family for nearly every pair."""
+    scorer = scorer_of(fit_model(arm, measured))
+    names = [
+        wb.UnnamedName("joint 2", (f"q{a}", f"q{b}")) for a, b in ((1, 3), (2, 5), (3, 6), (1, 5), (2, 7))
+    ]
+    families = [smooth.full_effect(name, scorer).family for name in names]
+    assert sum(family not in FAMILIES for family in families) <= 1
 
 
 # ------------------------------------------------------------------------------------------- real arms

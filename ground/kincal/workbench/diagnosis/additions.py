@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -12,7 +12,7 @@ from kincal_shared.errors import CannotAnswer
 
 from ..comparison.compare import Comparison
 from ..data.measurements import Measurements
-from ..evidence.products import score_products
+from ..evidence.products import ScoredProduct, score_products
 from ..evidence.scoring import Scorer, bulk_weights
 from ..evidence.smooth import MOST_TERMS, SmoothEffect, full_effect, smooth_effect
 from ..fit.least_squares import Fit, fit_model, rms
@@ -185,10 +185,16 @@ def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int, Unnamed
     function that is not to be added and has far more evidence than all that are."""
     cells = scorer.map()
     scored = {(s.best.location, s.best.drivers): s.ln_bf for s in cells}
-    products = score_products(scorer.columns, scorer.projector, scorer.wz, scorer.noise, count=10 * _TRIED)
-    for product in products.best if products else ():
+    for product in _products(scorer, fast=False):
         key = (product.place.name, product.drivers)
         scored[key] = max(product.ln_bf, scored.get(key, -np.inf))
+    # many as they are, fast waves stand for smooth functions too, and predict less: only those that win, of
+    # two angles (of one, the whole function has fine cosines)
+    smooth = max(scored.values(), default=0.0)
+    for wave in _products(scorer, fast=True):
+        if wave.ln_bf > smooth and len(wave.drivers) > 1:
+            key = (wave.place.name, wave.drivers)
+            scored[key] = max(wave.ln_bf, scored.get(key, -np.inf))
     taken, possible = {h.name for h in fit.hypotheses}, {p.name for p in all_places(fit.arm, fit.data)}
     ranked = sorted(scored, key=lambda key: -scored[key])
     every = [UnnamedName(place, drivers) for place, drivers in ranked]
@@ -198,6 +204,18 @@ def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int, Unnamed
     own = [UnnamedName(f"joint {j}", (f"q{j}",)) for j in range(1, fit.arm.n + 1)]
     ripples = [name for name in own if name in new[_TRIED:]]
     return [*new[:_TRIED], *ripples], max(len(scored), 1), instead
+
+
+def _products(scorer: Scorer, *, fast: bool) -> list[ScoredProduct]:
+    """The products of the dictionary with the most evidence, or its fast waves; the ln evidence of these pays
+    for their number."""
+    found = score_products(
+        scorer.columns, scorer.projector, scorer.wz, scorer.noise, count=10 * _TRIED, fast=(fast,)
+    )
+    if found is None:
+        return []
+    ln_tries = float(np.log(found.tries)) if fast else 0.0
+    return [replace(product, ln_bf=product.ln_bf - ln_tries) for product in found.best]
 
 
 def _not_added(name: UnnamedName) -> bool:

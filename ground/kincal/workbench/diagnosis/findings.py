@@ -494,11 +494,13 @@ class _Reporter:
     ) -> EffectFinding:
         """competing: what these data cannot tell from it."""
         scorer, score = posterior.scorer, posterior.by_name[h.name].score
-        doubts = self._doubts(h, evidence, competing)
         others = sum(posterior.probability.get(name, 0.0) for name in competing)
         lag, play = lagging_sensor(h, posterior), backlash_of_every_move(h, posterior)
-        if lag is not None:
+        if lag is not None and h.alike_in_joints:  # one cause, to first order and exactly
+            evidence = min(evidence + posterior.unnamed, 1.0)
+        elif lag is not None:
             others += posterior.unnamed
+        doubts = self._doubts(h, evidence, competing)
         doubts = doubts.beside(others, evidence * play.odds)
         alike = dict.fromkeys(
             (*with_equivalents(self.study, h, competing), *play.names, *([lag] if lag else []))

@@ -17,13 +17,14 @@ from functools import lru_cache
 import numpy as np
 
 from kincal_shared.schema.names import COMPONENTS
-from kincal_shared.schema.terms import Basis
+from kincal_shared.schema.terms import ONE, Basis
 
 from ..data.measurements import Measurements
 from ..fit.columns import Columns
+from ..model.grids import PERIODS
 from ..model.places import TYPICAL_SIZE, ErrorPlace, all_places
-from ..model.shapes import Product, evaluate
-from ..numerics.types import Array, array
+from ..model.shapes import FAST_WAVES, WAVES, Product, evaluate
+from ..numerics.types import Array
 from .bayes_factors import NoiseScale, Projector, ln_bayes_factor
 
 _SCORED = 512  # products whose evidence is computed: those that explain most. The others are far below
@@ -31,6 +32,8 @@ _ABSORBED = 0.995  # share of a product that the nuisance parameters imitate: th
 _LEAST_SPREAD = 0.02  # [rad or m] a joint that moves less stands still
 _ANGLE_FORMS = (("lin", 1.0), ("sin", 1.0), ("cos", 1.0), ("sin", 2.0), ("cos", 2.0), ("tanh", 1.0))
 _SLIDE_FORMS = (("lin", 1.0), ("sq", 1.0))
+_WAVE_FORMS = tuple((fn, float(k)) for k in WAVES for fn in ("sin", "cos"))
+_RIPPLE_FORMS = tuple((fn, float(k)) for k in PERIODS for fn in ("sin", "cos"))
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Dictionary:
     """Products of two factors. bases, drivers: P of them; values: (P, N), unit RMS about their means."""
 
     bases: tuple[Product, ...]
-    drivers: tuple[tuple[str, str], ...]
+    drivers: tuple[tuple[str, ...], ...]
     values: Array
 
 
@@ -67,14 +70,14 @@ class ScoredProduct:
     place: ErrorPlace
     component: int
     bases: Product
-    drivers: tuple[str, str]
+    drivers: tuple[str, ...]
     ln_bf: float
     column: Array
 
     @property
     def text(self) -> str:
         """Component and product, for instance "rz: tanh(q4) * cos(q6)"."""
-        return f"{COMPONENTS[self.component]}: {self.bases[0]} * {self.bases[1]}"
+        return f"{COMPONENTS[self.component]}: " + " * ".join(str(b) for b in self.bases if b != ONE)
 
 
 def product_dictionary(columns: Columns) -> Dictionary:
@@ -105,13 +108,34 @@ def _recorded_factors(data: Measurements, prismatic: tuple[bool, ...]) -> tuple[
     return tuple(_factors_of(data, prismatic))
 
 
+@lru_cache(maxsize=4)
+def _recorded_waves(data: Measurements, prismatic: tuple[bool, ...]) -> Dictionary:
+    """Waves of a joint angle, and products of those of two, of which one at least is faster than the forms of
+    angles. Without the former, a product with something that hardly changes would stand for one."""
+    turning = [j for j, slides in enumerate(prismatic, 1) if not slides]
+    waves = [f for j in turning for f in _joint_factors(data, j, _WAVE_FORMS)]
+    one = Factor("", ONE, np.ones(data.n))
+    alone = ((f, one) for j in turning for f in _joint_factors(data, j, _RIPPLE_FORMS))
+    two = (
+        (a, b)
+        for a, b in itertools.combinations(waves, 2)
+        if a.driver != b.driver and max(a.basis.c1, b.basis.c1) >= FAST_WAVES
+    )
+    return _dictionary(itertools.chain(alone, two))
+
+
+def _joint_factors(data: Measurements, j: int, forms: Iterable[tuple[str, float]]) -> Iterator[Factor]:
+    """Functions of the angle of joint j (from 1); none where it stands still."""
+    q = data.q[:, j - 1]
+    if np.ptp(q) > _LEAST_SPREAD:
+        for fn, c1 in forms:
+            basis = Basis(fn, "q", j, 0.0, c1)
+            yield Factor(f"q{j}", basis, evaluate(basis, q))
+
+
 def _factors_of(data: Measurements, prismatic: tuple[bool, ...]) -> Iterator[Factor]:
     for j, slides in enumerate(prismatic, 1):
-        q = data.q[:, j - 1]
-        if np.ptp(q) > _LEAST_SPREAD:
-            for fn, c1 in _SLIDE_FORMS if slides else _ANGLE_FORMS:
-                basis = Basis(fn, "q", j, 0.0, c1)
-                yield Factor(f"q{j}", basis, evaluate(basis, q))
+        yield from _joint_factors(data, j, _SLIDE_FORMS if slides else _ANGLE_FORMS)
     if data.direction is not None:
         for j in range(1, len(prismatic) + 1):
             yield Factor(f"dir{j}", Basis("lin", "dir", j), data.direction[:, j - 1])
@@ -141,7 +165,7 @@ def _dictionary(pairs: Iterable[tuple[Factor, Factor]]) -> Dictionary:
     kept = np.flatnonzero(spread > 1e-9)
     return Dictionary(
         tuple((two[k][0].basis, two[k][1].basis) for k in kept),
-        tuple((two[k][0].driver, two[k][1].driver) for k in kept),
+        tuple(tuple(f.driver for f in two[k] if f.driver) for k in kept),
         values[kept] / spread[kept, None],
     )
 
@@ -160,6 +184,43 @@ def spots(columns: Columns) -> list[Spot]:
         for component in place.components
     ]
     return [spot for spot in found if np.abs(spot.rows).max() > 0]
+
+
+@dataclass(frozen=True)
+class ProductGroup:
+    """Products at spots, of which each is as likely as any other. begin: number of products before; fast:
+    waves, faster than the other products."""
+
+    book: Dictionary
+    where: tuple[Spot, ...]
+    begin: int
+    fast: bool
+
+    @property
+    def tries(self) -> int:
+        """Number of columns."""
+        return len(self.book.bases) * len(self.where)
+
+    @property
+    def end(self) -> int:
+        """Number of products before the next group."""
+        return self.begin + self.tries
+
+
+def product_groups(columns: Columns, fast: Collection[bool] = (False, True)) -> list[ProductGroup]:
+    """Products at joint axes, at other places, and fast waves at joint axes: as likely together, each. Those
+    without products are left out. fast: of these kinds."""
+    fit, where = columns.fit, spots(columns)
+    joints = tuple(spot for spot in where if spot.place.name.startswith("joint"))
+    others = tuple(spot for spot in where if not spot.place.name.startswith("joint"))
+    book = product_dictionary(columns)
+    waves = _recorded_waves(fit.data, tuple(joint.prismatic for joint in fit.arm.joints))
+    found: list[ProductGroup] = []
+    for products, places, kind in ((book, joints, False), (book, others, False), (waves, joints, True)):
+        group = ProductGroup(products, places, found[-1].end if found else 0, kind)
+        if group.tries and kind in fast:
+            found.append(group)
+    return found
 
 
 @dataclass(frozen=True)
@@ -184,20 +245,29 @@ class ProductScores:
 
 
 def score_products(
-    columns: Columns, projector: Projector, wz: Array, noise: NoiseScale, *, count: int = 16
+    columns: Columns,
+    projector: Projector,
+    wz: Array,
+    noise: NoiseScale,
+    *,
+    count: int = 16,
+    fast: Collection[bool] = (False, True),
 ) -> ProductScores | None:
-    """Score all products at all places; the `count` best with their columns. None where there are none."""
-    book, where = product_dictionary(columns), spots(columns)
-    if not book.bases or not where:
+    """Score all products at all places; the `count` best with their columns. None where there are none. fast:
+    as of `product_groups`."""
+    groups = product_groups(columns, fast)
+    if not groups:
         return None
-    u, v = _moments(book.values, where, projector, wz.reshape(columns.n, columns.c))
-    chi2 = np.where(v > 0.0, u**2 / np.where(v > 0.0, v, 1.0), 0.0).ravel()
+    rows = wz.reshape(columns.n, columns.c)
+    moments = [_moments(group.book.values, group.where, projector, rows) for group in groups]
+    u, v = (np.concatenate([x.ravel() for x in of_groups]) for of_groups in zip(*moments, strict=True))
+    chi2 = np.where(v > 0.0, u**2 / np.where(v > 0.0, v, 1.0), 0.0)
     top = np.sort(np.argsort(-chi2)[:_SCORED])
-    ln_bf = ln_bayes_factor(u.ravel()[top, None], v.ravel()[top, None], noise)
+    ln_bf = ln_bayes_factor(u[top, None], v[top, None], noise)
     order = np.argsort(-ln_bf.round(6), kind="stable")  # of the same column at two places the joint axis
-    best = tuple(_scored(book, where, int(top[k]), float(ln_bf[k])) for k in order[:count])
-    share = _ln_shares(where, len(book.bases))[top[order] % len(where)]
-    return ProductScores(best, ln_bf[order], share, len(book.bases) * len(where))
+    best = tuple(_scored(groups, int(top[k]), float(ln_bf[k])) for k in order[:count])
+    share = np.concatenate([np.full(g.tries, -np.log(len(groups) * g.tries)) for g in groups])
+    return ProductScores(best, ln_bf[order], share[top[order]], len(share))
 
 
 def _moments(values: Array, where: Sequence[Spot], projector: Projector, wz: Array) -> tuple[Array, Array]:
@@ -213,15 +283,10 @@ def _moments(values: Array, where: Sequence[Spot], projector: Projector, wz: Arr
     return u, np.where(left > (1.0 - _ABSORBED) * raw, left, 0.0)
 
 
-def _scored(book: Dictionary, where: Sequence[Spot], k: int, ln_bf: float) -> ScoredProduct:
-    product, spot = book.bases[k // len(where)], where[k % len(where)]
-    column = (book.values[k // len(where)][:, None] * spot.rows).ravel()
-    drivers = book.drivers[k // len(where)]
+def _scored(groups: Sequence[ProductGroup], k: int, ln_bf: float) -> ScoredProduct:
+    """The product of number k of all groups."""
+    group = next(g for g in groups if k < g.end)
+    which, at = divmod(k - group.begin, len(group.where))
+    product, spot, drivers = group.book.bases[which], group.where[at], group.book.drivers[which]
+    column = (group.book.values[which][:, None] * spot.rows).ravel()
     return ScoredProduct(spot.place, spot.component, product, drivers, ln_bf, column)
-
-
-def _ln_shares(where: Sequence[Spot], products: int) -> Array:
-    """(M,) ln of the prior of one product at each spot: half for joint axes, half for other places."""
-    joints = np.array([spot.place.name.startswith("joint") for spot in where])
-    groups = len(np.unique(joints))
-    return array(-np.log(np.where(joints, joints.sum(), (~joints).sum()) * groups * products))

@@ -8,6 +8,7 @@ so that few coefficients remain. Their sizes stay with them as priors: a later f
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -22,10 +23,10 @@ from ..fit.columns import Columns
 from ..fit.least_squares import Fit
 from ..model.effects import Hypothesis, Parameter, Term
 from ..model.places import TYPICAL_SIZE, ErrorPlace, find_place
-from ..model.shapes import FAMILIES, Shape, Variable, is_angle, shapes, variable_basis
+from ..model.shapes import FAMILIES, Shape, Variable, is_angle, shapes, variable_basis, waves
 from ..model.unnamed_names import UnnamedName
 from ..numerics.types import Array
-from .bayes_factors import ln_bayes_factor
+from .bayes_factors import Score, ln_bayes_factor
 from .scoring import Scorer
 
 MOST_TERMS = 16
@@ -88,8 +89,17 @@ def full_effect(name: UnnamedName, scorer: Scorer) -> SmoothEffect:
     fit = scorer.columns.fit
     place = find_place(name.place, fit.arm, fit.data)
     variables = [_variable(driver, scorer.columns) for driver in name.drivers]
-    found = [_sized(name, place, family, variables, scorer) for family in _families(variables)]
-    return max(found, key=lambda f: f.ln_bf)
+    families = [(family, shapes(variables, family)) for family in _families(variables)]
+    fast = list(waves(variables)) if place.name.startswith("joint") else []
+    units = [
+        SmoothEffect(name, family, 0.0, _hypothesis(name, place, functions), place)
+        for family, functions in (*families, *fast)
+    ]
+    scores = scorer.hypotheses([unit.hypothesis for unit in units])
+    found = [_sized(unit, score, scorer) for unit, (score, _) in zip(units, scores, strict=True)]
+    smooth, of_waves = found[: len(families)], found[len(families) :]
+    paid = [replace(f, ln_bf=f.ln_bf - math.log(len(fast))) for f in of_waves]  # for their number
+    return max((*smooth, *paid), key=lambda f: f.ln_bf)
 
 
 def _families(variables: Sequence[Variable]) -> tuple[str, ...]:
@@ -124,17 +134,16 @@ def _recorded(driver: str, fit: Fit) -> bool:
     return need is None or fit.data.has("cam" if need == "image" else need)
 
 
-def _sized(
-    name: UnnamedName, place: ErrorPlace, family: str, variables: Sequence[Variable], scorer: Scorer
-) -> SmoothEffect:
-    """The family at the size with the most evidence."""
-    unit = _hypothesis(name, place, shapes(variables, family))
-    score = scorer.hypotheses([unit])[0][0]
+def _sized(unit: SmoothEffect, score: Score, scorer: Scorer) -> SmoothEffect:
+    """The same at the size with the most evidence. score: at unit size."""
     one, size = np.ones(1), _SIZES[:, None]
     ln_bf = ln_bayes_factor(score.u * size, score.v * size**2, scorer.noise, one, one)
     best = int(np.argmax(ln_bf))
-    parameters = tuple(replace(p, sigma=float(f"{p.sigma * _SIZES[best]:.4g}")) for p in unit.parameters)
-    return SmoothEffect(name, family, float(ln_bf[best]), replace(unit, parameters=parameters), place)
+    parameters = tuple(
+        replace(p, sigma=float(f"{p.sigma * _SIZES[best]:.4g}")) for p in unit.hypothesis.parameters
+    )
+    hypothesis = replace(unit.hypothesis, parameters=parameters)
+    return replace(unit, ln_bf=float(ln_bf[best]), hypothesis=hypothesis)
 
 
 def _hypothesis(name: UnnamedName, place: ErrorPlace, functions: Sequence[Shape]) -> Hypothesis:

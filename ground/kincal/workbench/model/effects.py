@@ -99,6 +99,11 @@ class Hypothesis:
         return any(basis.var == "move" for p in self.parameters for term in p.terms for basis in term.basis)
 
     @property
+    def alike_in_joints(self) -> bool:
+        """Each coefficient moves several joints: a cause that is outside of them."""
+        return all(len(p.terms) > 1 for p in self.parameters)
+
+    @property
     def of_session(self) -> bool:
         """It depends on time, and holds for the session that was measured: what drifts or settles starts anew
         in the next one."""

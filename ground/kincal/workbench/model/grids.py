@@ -14,7 +14,7 @@ Grid = Sequence[float] | Literal["times", "durations", "periods"]
 """Values of a constant: a list, or times of a step [s], fractions of the time span [s], periods per turn."""
 
 # Joints turn by 3 to 6 rad, so that half a period per turn more or less still looks alike.
-_PERIODS = array(np.arange(3.0, 30.25, 0.5))
+PERIODS = array(np.arange(3.0, 30.25, 0.5))
 _STEPS = 16  # times of a step that are tried first
 _BREAK = 5.0  # usual intervals between poses: a longer one is a break of the session
 _MOST_BREAKS = 6
@@ -35,7 +35,7 @@ def data_constants(data: Measurements | None) -> dict[str, float]:
 def grid_values(grid: Grid, data: Measurements | None) -> list[float]:
     """Values of a constant that are tried first; without data one that stands for all."""
     if grid == "periods":
-        return _floats(_PERIODS)
+        return _floats(PERIODS)
     if not isinstance(grid, str):
         return [float(v) for v in grid]
     if data is None or data.t_s is None:
@@ -90,7 +90,7 @@ def _between(t_s: Array) -> Array:
 def finer(grid: Grid, best: float, data: Measurements) -> list[float]:
     """Values around the best one of a grid, closer than its neighbours; empty for a plain list."""
     if grid == "periods":
-        return _floats(best + (_PERIODS[1] - _PERIODS[0]) * np.linspace(-0.8, 0.8, _FINER))
+        return _floats(best + (PERIODS[1] - PERIODS[0]) * np.linspace(-0.8, 0.8, _FINER))
     if grid == "durations":
         return _floats(best * 2.0 ** np.linspace(-1.0, 1.0, _FINER))
     if grid != "times" or data.t_s is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,11 @@ _FUNCTIONS: dict[str, Callable[[Array], Array]] = {
 }
 EVALUATED = tuple(_FUNCTIONS)
 """Functions of bases that `evaluate` knows."""
+
+WAVES = range(1, 7)
+"""Periods a turn of waves of two joint angles."""
+FAST_WAVES = 3
+"""One of the two has at least so many: slower ones are products of other shapes."""
 
 Product = tuple[Basis, Basis]
 
@@ -104,6 +110,18 @@ def shapes(variables: Sequence[Variable], family: str) -> tuple[Shape, ...]:
     single = [tuple(_single(v, family)) for v in variables]
     alone = tuple(s for one in single for s in one)
     return alone if len(single) == 1 else (*alone, *_products(*single))
+
+
+def waves(variables: Sequence[Variable]) -> Iterator[tuple[str, tuple[Shape, ...]]]:
+    """Products of waves of two angles, by name: those of so many periods a turn of each, in any phase."""
+    if len(variables) != 2 or not all(v.turns for v in variables):
+        return
+    for k, l in itertools.product(WAVES, WAVES):
+        if max(k, l) >= FAST_WAVES:
+            first, second = ([_scaled(v, fn, 0.0, float(n)) for fn in ("sin", "cos")]
+                             for v, n in zip(variables, (k, l), strict=True))  # fmt: skip
+            every = tuple(Shape((a, b), 1.0) for a in first for b in second)
+            yield f"{k} and {l} periods a turn", every
 
 
 def _products(first: Sequence[Shape], second: Sequence[Shape]) -> Iterator[Shape]:

@@ -10,18 +10,20 @@ from ..data.direction import in_random_order
 from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from ..diagnosis.suggestions import Suggestion
-from ..evidence.adequacy import REPLICATES, STRUCTURE_P, UNKNOWN, NoiseFloor, Outliers, TurnedFrame
+from ..evidence.adequacy import REPLICATES, STATED, STRUCTURE_P, UNKNOWN, NoiseFloor, Outliers, TurnedFrame
 from ..evidence.neighbours import Alike
 from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
 from ..model.unnamed_names import HEADINGS, SENSOR_AXES, UnnamedName
+from ..numerics.distributions import chi2_tail
 from ..prediction.gain import judged, much_worse
 from ..prediction.nested import EffectGain, NestedModels
 from ..prediction.nextposes import NextPose, poses_to_decide
 from ..prediction.reachable import Reachable
 
+_NOISIER, _CHANCE = 1.1, 1e-3  # times the stated noise that is said, and p-value of it
 _CLAIMED = 0.9  # probability from which on an effect, or one of several, is there
 _ONE_NAME = 0.8  # probability of a name from which on no other is said beside it
 LIKELY = 0.5  # probability from which on an effect may be named as found
@@ -416,9 +418,19 @@ def adequacy(c: Comparison, *, adequate: bool = True) -> str:
             "the model fits the fitted poses, but predicts held-out poses worse than the nominal arm "
             f"({before * 1e3:.3f} to {after * 1e3:.3f} mm): measure more poses, and more varied ones"
         )
+    but += if_noisier(c)
     if c.p_lack_of_fit is None:
         but += ", as far as can be tested without knowing their noise"
     return f"the model explains these data{but}"
+
+
+def if_noisier(c: Comparison) -> str:
+    """On which noise it rests that a model explains the data, where that is more than is stated, beyond
+    chance: such a model passes, since data sheets are often no better. Empty otherwise."""
+    fit = c.fit_all
+    if c.noise_floor.source != STATED or fit.scale < _NOISIER or chi2_tail(fit.chi2, fit.dof) > _CHANCE:
+        return ""
+    return f", if their noise is {fit.scale:.2f} times the stated one"
 
 
 def but_for(o: Outliers) -> str:
@@ -492,7 +504,7 @@ def _verdict(d: Diagnosis) -> str:
     open_ = [e.name for e in taken if not is_shown(e)]
     with_them = _with(listed(shown) if shown else "", open_, d)
     if d.verdict == "adequate" and (d.adequate_after or not d.outliers.may_be_chance):
-        return f"These data show no missing effect{but_for(d.outliers)}."
+        return f"These data show no missing effect{but_for(d.outliers)}{if_noisier(d.comparison)}."
     if d.serial is not None and not taken and d.novel is None:
         return "The remaining error varies with time, and no effect is shown to cause it."
     if d.verdict == "adequate":
