@@ -18,7 +18,7 @@ from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench.diagnosis import competing
-from kincal.workbench.evidence.adequacy import Outliers
+from kincal.workbench.evidence.adequacy import UNKNOWN, NoiseFloor, Outliers
 from kincal.workbench.evidence.serial import Serial
 from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.model.places import all_places
@@ -197,9 +197,11 @@ def test_noise_that_is_larger_at_some_poses_may_be_all_that_is_left(known, struc
 def test_nothing_is_missing_only_where_the_model_explains_the_data(found, explains, outliers, serial, said):
     """ "Nothing is missing" stood above "the model does NOT explain these data"."""
     left = Outliers(tuple(map(str, range(outliers))), 120)
+    c = replace(found.d.comparison, noise_floor=NoiseFloor(None, None, UNKNOWN))
     d = replace(
-        found.d, verdict="adequate", effects=(), adequate_after=explains, outliers=left, serial=serial
-    )
+        found.d, comparison=c, verdict="adequate", effects=(), adequate_after=explains, outliers=left,
+        serial=serial,
+    )  # fmt: skip
     assert said in explain.verdict(d)
 
 
@@ -341,6 +343,8 @@ def test_a_fit_that_makes_held_out_poses_worse_explains_nothing():
             outliers=Outliers((), 10),
             errors_without={(): errors}.__getitem__,
             p_lack_of_fit=p_lack_of_fit,
+            noise_floor=NoiseFloor(None, None, UNKNOWN),
+            fit_all=SimpleNamespace(scale=1.0),
         )
         return explain.adequacy(c)
 
