@@ -130,7 +130,8 @@ class Scene:
 
 @dataclass(frozen=True)
 class RunResult:
-    """One whole run. crc: of the proposed correction; active_crc: of the KIN table in force at the end."""
+    """One whole run. crc: of the proposed correction; active_crc: of the KIN table in force at the end;
+    after_is: what `after` is of: the correction in force ("after"), or one that is not ("proposed")."""
 
     title: str
     scenario: str
@@ -158,6 +159,7 @@ class RunResult:
     mission_s: float = 0.0
     wall_s: float = 0.0
     ended: str = ""  # why the calibration stopped measuring
+    after_is: str = "after"
 
     @property
     def ok(self) -> bool:

@@ -24,6 +24,10 @@ from kincal_shared.errors import BadInput
 
 VARIABLE = "KINCAL_KEYS"
 DEFAULT = Path("~/.kincal/keys")
+JOURNAL, JOURNAL_END = "review.jsonl", ".end"
+"""Name of the review journal beside a key file, and what the name of its end mark has more."""
+RUN_KEYS = "store.keys"
+"""Key file of a simulated run, in its folder."""
 MOST = 4
 """Keys of a file: of two holders, the old and the new one of a rotation."""
 HOLDER_NUMBERS = 100
@@ -282,19 +286,31 @@ def _key(line: str, where: str) -> Key:
 
 
 def write(path: Path, keys: tuple[Key, ...]) -> None:
-    """Write a key file that only its owner may read; whoever finds it finds all of it."""
+    """Write a key file that only its owner may read; whoever finds it finds all of it. BadInput if it is a
+    symbolic link, since the file behind it would keep its keys, or if it cannot be written."""
+    if path.is_symlink():
+        raise BadInput("this key file is a symbolic link", str(path), f"name the file: {path.resolve()}")
     part = path.with_name(path.name + ".part")
-    part.unlink(missing_ok=True)
     text = "".join(f"{line}\n" for line in (_HEAD, *(f"{key.id} {key.secret.hex()}" for key in keys)))
-    with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    part.rename(path)
+    try:
+        part.unlink(missing_ok=True)
+        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        part.rename(path)
+    except (FileExistsError, FileNotFoundError):
+        if not path.parent.is_dir():
+            raise
+        raise BadInput(
+            "another program writes this key file", str(path), "`kincal key show` says what it holds now"
+        ) from None
 
 
 def new(path: Path, number: int = 0) -> Key:
     """Make a key file with one key. number: of its holder. BadInput if there is a file already."""
+    if path.is_dir():
+        raise BadInput("this is a folder", str(path), "name a file in it")
     if path.exists():
         raise BadInput("there is a key file already", str(path), "`kincal key rotate` changes its key")
     if not 0 <= number <= _ID_MAX // HOLDER_NUMBERS - 1:

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from typing import Any
+
+from kincal_shared.errors import BadInput
+from kincal_shared.keys import JOURNAL, JOURNAL_END, RUN_KEYS
 
 from .scenario import Scenario
 
@@ -17,20 +22,48 @@ RESULT, TRUTH, CONTACTS, LAUNCH, LOG = (
     "launch.json",
     "run.lcmlog",
 )
+PROCESSES = ("fsw", "detector", "executive", "server")
+"""Whose output lies in logs/."""
 
 
 def prepare(out: Path, store: Path | None = None) -> Path:
-    """Make the folder, remove what an earlier run left in it. Returns the store of flight: the given one, or
-    an empty one in the folder."""
+    """Make the folder, remove what an earlier run left in it, and nothing else. Returns the store of flight:
+    the given one, or an empty one in the folder. BadInput if a review journal of no run lies there."""
     out.mkdir(parents=True, exist_ok=True)
-    for name in (RESULT, TRUTH, CONTACTS, LAUNCH, LOG):
-        (out / name).unlink(missing_ok=True)
-    shutil.rmtree(out / "logs", ignore_errors=True)
     if store is None:
-        shutil.rmtree(out / "store", ignore_errors=True)
+        _put_journal_aside(out)
+    for path in _left_in(out, store is None):
+        path.unlink(missing_ok=True)
+    with suppress(OSError):  # not there, or somebody else's files are in it
+        (out / "logs").rmdir()
     kept = store or out / "store"
     kept.mkdir(parents=True, exist_ok=True)
     return kept
+
+
+def _left_in(out: Path, with_store: bool) -> Iterator[Path]:
+    """Files that an earlier run wrote, by their names."""
+    yield from (out / name for name in (RESULT, TRUTH, CONTACTS, LAUNCH, LOG))
+    yield from (out / "logs" / f"{name}.{kind}" for name in PROCESSES for kind in ("out", "err"))
+    if with_store:
+        for slot in ("a", "b", "tmp"):  # as kc_files.c names them
+            yield from (out / "store").glob(f"k[0-9][0-9].{slot}")
+
+
+def _put_journal_aside(out: Path) -> None:
+    """The review journal of an earlier run, with the key that vouches for its lines, into earlier-N: a new
+    run has another key, by which that journal would look changed."""
+    journal, keys = out / JOURNAL, out / RUN_KEYS
+    there = [path for path in (journal, out / (JOURNAL + JOURNAL_END)) if path.exists()]
+    if not there:
+        return
+    if not keys.exists():
+        raise BadInput("the folder holds a review journal of no run", str(journal), "name another folder")
+    aside = next(path for n in count(1) if not (path := out / f"earlier-{n}").exists())
+    aside.mkdir()
+    shutil.copy2(keys, aside / RUN_KEYS)  # the run makes its own; one that was named stays where it is
+    for path in there:
+        path.rename(aside / path.name)
 
 
 def write(path: Path, record: Mapping[str, Any]) -> None:

@@ -22,6 +22,7 @@ from kincal import review
 from kincal.api import operate
 from kincal.cli import terminal
 from kincal.cli.command import command as command_cli
+from kincal.cli.errors import EXIT_INPUT
 from kincal.cli.review import review as review_cli
 from kincal.cli.table import table as table_cli
 from kincal.cli.text import operate as text
@@ -279,9 +280,19 @@ def test_cause_and_action_of_an_event_that_comes_again_are_said_once():
 
 def test_questions_and_comments_are_lines_of_the_journal(journal, key_file):
     given = ("--by", "B. Second", "--journal", journal)
-    good("review", "comment", "pose 7 was in shadow", "--crc", "fedcba98", *given)
+    first = good("review", "comment", "pose 7 was in shadow", "--crc", "fedcba98", *given)
+    assert "first line of this journal about a correction fedcba98; is the CRC right?" in first.output
+    second = good("review", "comment", "pose 8 too", "--crc", "fedcba98", *given)
+    assert "is the CRC right" not in second.output
     good("review", "comment", "why now?", "--question", *given)
-    assert lines(journal, key_file) == [("comment", "", "pose 7 was in shadow"), ("question", "", "why now?")]
+    assert lines(journal, key_file) == [
+        ("comment", "", "pose 7 was in shadow"), ("comment", "", "pose 8 too"), ("question", "", "why now?"),
+    ]  # fmt: skip
+    empty = kincal("review", "comment", "", *given)
+    assert (empty.exit_code, "the comment is empty" in empty.output) == (EXIT_INPUT, True)
+    nobody = kincal("review", "comment", "a", "--by", "", "--journal", journal)
+    assert (nobody.exit_code, "the name is empty" in nobody.output) == (EXIT_INPUT, True)
+    assert len(lines(journal, key_file)) == 3
     assert decided(review.check_journal(journal))[0].crc == "fedcba98"
     assert "pose 7 was in shadow" in kincal("audit", "log", "--journal", journal).output
 

@@ -566,7 +566,7 @@ def test_residuals_of_each_pose_are_shown_if_all_of_its_measurements_were_heard(
 def test_a_recording_shows_each_moment_and_takes_no_command(geometry, tmp_path):
     write_log(tmp_path / "run.lcmlog")
     recording = Recording.read(tmp_path / "run.lcmlog")
-    console = Console("run.lcmlog", geometry, Picture(geometry), None, recording)
+    console = Console("a run.lcmlog", geometry, Picture(geometry), None, recording)
     client = TestClient(make_app(console, ACCESS), base_url=ORIGIN)
     assert client.get("/api/about", headers=GOOD).json()["span_us"] == list(recording.span_us)
     with feed(client) as ws:
@@ -578,7 +578,8 @@ def test_a_recording_shows_each_moment_and_takes_no_command(geometry, tmp_path):
             assert len(now["values"]["poses"]["data"]) == poses and now["values"]["inbox"]["data"] == []
     assert post(client, "/api/abort").status_code == 409
     refused = client.get(f"/api/review/{CRC:08x}", headers=GOOD)
-    assert refused.status_code == 409 and "kincal review show LOG" in refused.json()["text"]
+    assert refused.status_code == 409
+    assert f"`kincal review show 'a run.lcmlog' --crc {CRC:08x}`" in refused.json()["text"]
 
 
 def test_a_file_without_messages_is_no_recording(tmp_path):

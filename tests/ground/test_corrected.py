@@ -117,6 +117,15 @@ def test_a_segment_nearer_than_the_margin_is_a_reason_against(beyond):
     assert reasons_to_reject(shown) == [reason.text] and reasons_to_reject(review) == []
 
 
+def test_what_loses_sight_of_the_tags_is_to_be_looked_at_and_no_reason_against(beyond):
+    stops = beyond.reach[2]
+    now = replace(stops, before={"stop 1": "a"}, after={"stop 1": "a", "stop 2": "sees 0 tags"})
+    found = replace(beyond, reach=(now,))
+    assert found.look_at == (f"1 of {stops.of} stops along segments no longer with tags in view: "
+                             "stop 2: sees 0 tags",)  # fmt: skip
+    assert found.reasons == beyond.reasons
+
+
 def test_candidates_that_are_lost_are_those_that_the_servo_cannot_reach(given, beyond):
     """Joints that it finds lead to the pose, by MuJoCo's kinematics; of those that it does not, none are
     found near the bound by many starts either."""

@@ -18,6 +18,7 @@ from places import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
+from kincal.cli.errors import EXIT_INPUT
 from kincal.export import calibrated_fit, dh_table
 from kincal.export.dh import four_parameter_table
 from kincal.export.source import c_header, c_source, describe, python_source, source_left_out
@@ -708,6 +709,20 @@ def test_change_of_the_model_forgets_the_fit(folder):
     model = wb.read_model(folder / "M.toml").remove(["tag_scale"])
     assert model.fit is None
     assert not model.values
+
+
+@pytest.mark.parametrize("form, name, beside", [("dh", "mine.toml", "mine.csv"), ("c", "cal.c", "cal.h")])
+def test_export_does_not_replace_a_file_that_was_not_named(folder, form, name, beside):
+    words = ("model", "export", "--model", "M.toml", "--format", form, "-o", name)
+    (folder / beside).write_text("mine")
+    done = kincal(folder, *words)
+    assert (
+        done.exit_code == EXIT_INPUT and f"would be replaced by what is written beside {name}" in done.output
+    )
+    assert (folder / beside).read_text() == "mine" and not (folder / name).exists()
+    (folder / beside).unlink()
+    well(folder, *words)
+    well(folder, *words)  # its own files
 
 
 @pytest.mark.parametrize("form, name, files", [

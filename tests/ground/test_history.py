@@ -1,6 +1,7 @@
 """The history of a mission's tables: from recordings, each read once, and as a page."""
 
 import json
+import sys
 
 import pytest
 from commands import good
@@ -62,6 +63,17 @@ def test_what_was_in_force_and_what_each_correction_said(tmp_path):
     assert trend.name == NAMES[0] and trend.upper == TERMS.coef[0].ub
     assert [(p.value, p.active) for p in trend.points] == [(0.02, True), (0.03, False)]
     assert history.trends(found, {}) == []  # values of other terms get no names
+
+
+def test_the_log_of_a_simulated_run_has_seconds_and_no_dates(monkeypatch, tmp_path):
+    monkeypatch.setattr(sys.modules[__name__], "T0", 0.0)
+    path = log(tmp_path / "run.lcmlog", (1, hk(0xA)), (250.64, proposal(0xB, 0.02)), (251, hk(0xB)))
+    said = good("review", "history", path).output
+    assert "251.0 s" in said and "1970" not in said
+    page = tmp_path / "page.html"
+    good("review", "history", path, "--report", page)
+    assert "251.0 s" in page.read_text() and "1970-01-01 00:0" not in page.read_text()
+    assert history.utc(1.8e9) == "2027-01-15 08:00:00"
 
 
 def test_a_growing_recording_is_read_on_and_nothing_is_taken_twice(tmp_path):

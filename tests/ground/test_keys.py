@@ -100,6 +100,29 @@ def test_a_counter_that_is_a_link_or_a_pipe_is_refused_and_what_it_leads_to_stay
         keys.signer_of(file).command(command())
 
 
+@pytest.mark.parametrize("change", [keys.rotate, lambda link: keys.join(link, [link.with_name("one")])])
+def test_a_link_is_no_place_for_keys_as_the_file_behind_it_would_keep_the_old_ones(file, tmp_path, change):
+    link, before = tmp_path / "link", file.read_bytes()
+    link.symlink_to(file)
+    keys.new(tmp_path / "one")
+    with pytest.raises(BadInput, match="is a symbolic link") as refused:
+        change(link)
+    assert str(file) in refused.value.todo
+    assert link.is_symlink() and file.read_bytes() == before
+
+
+def test_a_folder_is_no_key_file(tmp_path):
+    with pytest.raises(BadInput, match="this is a folder"):
+        keys.new(tmp_path)
+
+
+def test_of_two_that_write_a_key_file_at_once_the_slower_one_gets_an_error(file, monkeypatch):
+    part = file.with_name("keys.part")
+    monkeypatch.setattr(os, "fsync", lambda _file: part.unlink())  # the other was quicker
+    with pytest.raises(BadInput, match="another program writes this key file"):
+        keys.rotate(file)
+
+
 def test_a_counter_of_another_user_is_refused(file, monkeypatch):
     count = keys.count_file(file, 2)
     count.write_text("41\n")

@@ -154,6 +154,20 @@ def test_a_constant_that_an_effect_has_not_is_refused(tmp_path):
     assert not (tmp_path / "M.toml").exists()
 
 
+@pytest.mark.parametrize(
+    ("there", "new", "said"),
+    [("", "backlash[2,2]", "by itself"), ("backlash[3,1]", "backlash[1,3]", "by backlash[3,1]"),
+     ("backlash[1,5]", "backlash[5,6]", "by backlash[1,5]")],
+)  # fmt: skip
+def test_an_effect_is_not_added_twice_at_one_joint_by_two_names(tmp_path, there, new, said):
+    model = tmp_path / "M.toml"
+    if there:
+        assert kincal("add", "--model", model, there).exit_code == 0
+    done = kincal("add", "--model", model, new)
+    assert (done.exit_code, said in done.output) == (EXIT_INPUT, True)
+    assert kincal("add", "--model", model, "backlash[4,7]", "joint_settling[4]").exit_code == 0
+
+
 def test_model_file_keeps_constants_through_its_history(tmp_path):
     model = wb.ModelFile().add(["bias_step[2](t0=30.5)", "backlash[4]"])
     wb.write_model(tmp_path / "M.toml", model)

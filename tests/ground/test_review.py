@@ -11,7 +11,7 @@ import pytest
 from commands import good, shell, text_of
 from fake_flight import FakeFlight
 from places import BIN
-from samples import CRC, decided, progress, proposal, sealed, write_log
+from samples import CRC, decided, progress, proposal, sealed, signed, write_log
 
 import kcm
 from kincal import review, tables
@@ -520,6 +520,15 @@ def log_with(events, active=0, verdict=1):
 def test_review_says_what_became_of_a_proposal(names, events, active, verdict, state):
     log = log_with(events, active, verdict)
     assert status(log, review.from_message(log.sessions[3].proposal, names)).state == state
+
+
+@pytest.mark.parametrize(("source", "by"), [(1, ", approved by the executive"), (2, "")])
+def test_an_approval_by_the_executive_is_said_as_no_journal_has_it(names, source, by):
+    """What the ground approved is in its journal."""
+    log, m = log_with([("COR_ACTIVE", -1, CRC)], CRC), kcm.cmd_t()
+    m.source, m.opcode, m.arg_i = source, m.APPROVE_GO, [signed(CRC), 0, 0, 0]
+    log.commands.append(m)
+    assert status(log, review.from_message(log.sessions[3].proposal, names)).state == f"in force{by}"
 
 
 def test_decisions_of_the_journal_stand_beside_their_proposal(names, journal, signer):

@@ -14,12 +14,15 @@ from rich.console import Console
 from samples import CRC, progress, proposal, result, signed
 from test_flight_arm import wam
 
-from kincal import link, run, tables
+from kincal import link, review, run, tables
 from kincal.cli.text import run as show
+from kincal.pages import run as run_page
+from kincal.pages.page import Provenance
 from kincal.results import Criterion, HeldOut
 from kincal.rotations import wxyz_of_matrix
 from kincal_shared import keys
-from kincal_shared.errors import CommandFailed, KincalError
+from kincal_shared.errors import BadInput, CommandFailed, KincalError
+from kincal_sim import outputs
 
 EXPECTED = run.Expectation("t", "auto", "change", 2e-3, 5e-3)
 
@@ -44,6 +47,44 @@ def missed(result_, expected=EXPECTED, done=None, **changes):
     ]
 
 
+def test_a_run_removes_what_an_earlier_one_left_and_nothing_else(tmp_path):
+    out = tmp_path / "out"
+    mine = [out / "logs" / "mine.out", out / "store" / "mine.txt", out / "notes.txt"]
+    old = [out / "logs" / "fsw.err", out / "store" / "k04.a", out / "store" / "k18.tmp", out / "run.lcmlog"]
+    for path in (*mine, *old):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("a")
+    assert outputs.prepare(out) == out / "store"
+    assert [path.exists() for path in (*mine, *old)] == [True] * len(mine) + [False] * len(old)
+    mine[0].unlink()
+    outputs.prepare(out)
+    assert not (out / "logs").exists()
+    old[1].write_text("a")
+    assert outputs.prepare(out, store=tmp_path / "kept") == tmp_path / "kept"
+    assert old[1].exists()
+
+
+def test_a_run_puts_the_journal_of_an_earlier_one_aside_with_its_key(tmp_path):
+    """The new run has another key, which did not write those lines."""
+    file, journal = tmp_path / "store.keys", tmp_path / "review.jsonl"
+    for seed in (1, 2, 3):
+        outputs.prepare(tmp_path)
+        keys.write(file, (keys.of_simulation(seed),))
+        signer = keys.signer_of(file)
+        review.record(journal, "comment", 0, "A", f"of seed {seed}", "", None, signer)
+    for folder, seed in (("earlier-1", 1), ("earlier-2", 2), (".", 3)):
+        read = review.journals.of_run(tmp_path / folder / "run.lcmlog")
+        assert [entry.why for entry in read.entries] == [f"of seed {seed}"] and not read.unconfirmed
+    assert file.stat().st_mode & 0o77 == (tmp_path / "earlier-1" / "store.keys").stat().st_mode & 0o77 == 0
+
+
+def test_a_journal_that_no_run_made_stays_where_it_is(tmp_path):
+    (tmp_path / "review.jsonl").write_text("{}\n")
+    with pytest.raises(BadInput, match="a review journal of no run"):
+        outputs.prepare(tmp_path)
+    assert (tmp_path / "review.jsonl").exists()
+
+
 def test_good_run_meets_every_criterion():
     assert missed(result()) == []
 
@@ -53,6 +94,16 @@ def test_criterion_on_held_out_error():
     assert missed(r) == ["held-out position RMS", "held-out rotation RMS"]
     r = replace(r, after=HeldOut(200, float("nan"), float("nan")))
     assert missed(r) == ["held-out position RMS", "held-out rotation RMS"]
+
+
+def test_what_a_correction_that_is_not_in_force_would_give_is_called_proposed():
+    r = replace(result(), after_is="proposed", after=HeldOut(200, 2.1e-3, 1e-3))
+    assert missed(r) == ["held-out position RMS, proposed"]
+    out = Console(file=io.StringIO(), width=100)
+    show.run_end(out, r, (), Path("run.lcmlog"))
+    words = out.file.getvalue()
+    assert re.search(r"^proposed ", words, re.M) and not re.search(r"^after ", words, re.M)
+    assert "would go from" in run_page.page(r, Provenance("2026-01-01")).verdict
 
 
 def test_criterion_on_the_table_in_force():

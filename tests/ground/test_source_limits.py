@@ -1,6 +1,7 @@
 """Sources of tables at their limits: what a value may be, what is left out, and terms of each joint."""
 
 import math
+import shutil
 import tomllib
 
 import pytest
@@ -331,6 +332,43 @@ def test_a_space_is_built_for_the_tables_that_are_named_or_those_beside_it(tmp_p
     for given in (None, BIN):
         list(api.build_files(SRC / "space.toml", tmp_path / "space.tbl", given))
     assert seen == [tmp_path, BIN]
+
+
+def test_a_folder_is_built_as_a_whole_or_not_at_all(tmp_path):
+    source, out = tmp_path / "src", tmp_path / "bin"
+    source.mkdir()
+    shutil.copyfile(SRC / "kin.toml", source / "kin.toml")
+    shutil.copyfile(SRC / "config.toml", source / "config.toml")
+    assert sorted(path.name for path, _ in api.build_files(source, out)) == ["config.tbl", "kin.tbl"]
+    (out / "config.tbl").write_bytes(b"of before")
+    (source / "space.toml").write_text('kind = "space"\njunk = 1\n')
+    with pytest.raises(BadInput, match="junk"):
+        api.build_files(source, out)
+    assert (out / "config.tbl").read_bytes() == b"of before" and not (out / "space.tbl").exists()
+
+
+def test_a_space_in_a_folder_is_built_for_the_tables_of_that_folder(tmp_path, monkeypatch):
+    source, out, whole = tmp_path / "src", tmp_path / "bin", api.build
+    source.mkdir()
+    shutil.copyfile(SRC / "kin.toml", source / "kin.toml")
+    (source / "space.toml").write_text('kind = "space"\n')
+    out.mkdir()
+    (out / "kin.tbl").write_bytes(b"of before")
+    (out / "arm.tbl").write_bytes(b"as it is")
+    seen = {}
+
+    def build(path, folder):
+        if path.stem == "space":
+            seen.update({image.name: image.read_bytes() for image in folder.glob("*.tbl")})
+            raise BadInput("not there", str(folder / "camera.tbl"))
+        return whole(path, folder)
+
+    monkeypatch.setattr(api, "build", build)
+    with pytest.raises(BadInput) as error:
+        api.build_files(source, out)
+    assert error.value.where == str(out / "camera.tbl")
+    assert seen == {"kin.tbl": (BIN / "kin.tbl").read_bytes(), "arm.tbl": b"as it is"}
+    assert (out / "kin.tbl").read_bytes() == b"of before"
 
 
 def test_commands_say_what_they_built_and_show(tmp_path):

@@ -197,6 +197,23 @@ def arm_command(q_rad, seq=1):
     return m
 
 
+@pytest.mark.parametrize("hooks", [Hooks(), Hooks(to_flight=lambda _tick, messages: messages)])
+def test_a_fault_of_the_arm_that_is_published_by_hand_reaches_flight(hooks):
+    """Also where the states are no messages: those of the simulator do not replace it."""
+    with Simulation("encoder_bias", 1, Setup(hooks=hooks, limit_s=60.0)) as simulation:
+        while (tick := simulation.step()) is not None:
+            if tick.number == UNDER_WAY:
+                (_, m), _pantilt = simulation.world.states()
+                m.fault_mask = 4
+                simulation.publish("KC_ARM_STATE", m)
+        run = simulation.result()
+    assert run.state == STATE["SAFE"] and run.log.counts["KC_ARM_STATE"] == tick_count(run) + 1
+
+
+def tick_count(run) -> int:
+    return round(run.mission_s / 0.1)
+
+
 def test_a_damaged_slot_is_left_for_the_one_before():
     store = Store()
     flown(store=store, ticks=20)

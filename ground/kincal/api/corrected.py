@@ -75,12 +75,12 @@ class Clear:
 @dataclass(frozen=True)
 class Reach:
     """A group of poses: how many there are, and those that fail with each table: pose -> why. what: they are;
-    want: of each; asked: whether losing one is worth a remark (flight passes over stops that show no tag)."""
+    want: of each; passed_over: whether flight goes on without those that fail, as at stops without tags."""
 
     what: str
     want: str
     of: int
-    asked: bool
+    passed_over: bool
     before: Mapping[str, str]
     after: Mapping[str, str]
 
@@ -153,7 +153,7 @@ class Corrected:
     @property
     def look_at(self) -> tuple[str, ...]:
         """What a reviewer has to know besides the reasons, in words."""
-        lost = [r for r in self.reach if r.lost and r.asked]
+        lost = [r for r in self.reach if r.lost]
         return tuple(f"{len(r.lost)} of {r.of} {r.what} no longer {r.want}: {r.lost_text}" for r in lost)
 
     @property
@@ -504,9 +504,9 @@ def _reached(
         stops += [(f"stop {part} to {name}", q_stop) for part, q_stop in arm.stops(row)]
     lost = out_of_reach | _unseen(arm, reached)
     groups = [
-        Reach("candidates", "reached with tags in view", n, True, lost, {}),
-        Reach("local initial poses", "with a tag in view", len(table.q_rad) - n, True, local, {}),
-        Reach("stops along segments", "with tags in view", len(stops), False, _unseen(arm, stops), {}),
+        Reach("candidates", "reached with tags in view", n, False, lost, {}),
+        Reach("local initial poses", "with a tag in view", len(table.q_rad) - n, False, local, {}),
+        Reach("stops along segments", "with tags in view", len(stops), True, _unseen(arm, stops), {}),
     ]
     return groups, reached
 

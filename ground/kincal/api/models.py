@@ -98,6 +98,7 @@ def add_effects(
     if arm is not None and arm_path is not None:
         refuse_model_of_other_arm(before, arm, str(model_path))
     check_names(library, wanted, arm)
+    library.check_once((*before.effects, *(split_constants(name)[0] for name in wanted)))
     found = _found_in_data(before, library, where, read, wanted, progress)
     after = before.add(list(found.names)) if found.names else before
     for addition in found.additions:

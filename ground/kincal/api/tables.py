@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shutil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from kincal import tables
 from kincal.link import write_image
+from kincal_shared.errors import BadInput
+from kincal_shared.writing import write_files
 
 if TYPE_CHECKING:
     from kincal.flight.tables import Image, Table
@@ -24,16 +27,35 @@ def build(source: Path, tables_dir: Path | None = None) -> Image:
     return space.build(space.read_description(source), images).image
 
 
-def build_files(source: Path, out: Path, tables_dir: Path | None = None) -> Iterator[tuple[Path, Image]]:
-    """Images of a source, or of every source in a folder, each written as soon as it is built."""
-    if source.is_dir():
-        pairs = [(p, out / f"{p.stem}.tbl") for p in tables.build_order(sorted(source.glob("*.toml")))]
-    else:
-        pairs = [(source, out)]
-    for src, dst in pairs:
-        image = build(src, tables_dir or dst.parent)
-        write_image(image, dst)
-        yield dst, image
+def build_files(source: Path, out: Path, tables_dir: Path | None = None) -> list[tuple[Path, Image]]:
+    """Images of a source, or of every source in a folder: all of them are written, or none."""
+    if not source.is_dir():
+        image = build(source, tables_dir or out.parent)
+        write_image(image, out)
+        return [(out, image)]
+    built = {}
+    with TemporaryDirectory() as name:  # what a search space needs of the others, before they are written
+        beside = tables_dir or Path(name)
+        if tables_dir is None:
+            for path in out.glob("*.tbl"):
+                shutil.copyfile(path, beside / path.name)
+        for path in tables.build_order(sorted(source.glob("*.toml"))):
+            image = _build_beside(path, beside, tables_dir or out)
+            built[out / f"{path.stem}.tbl"] = image
+            if tables_dir is None:
+                write_image(image, beside / f"{path.stem}.tbl")
+    write_files({path: image.data for path, image in built.items()})
+    return list(built.items())
+
+
+def _build_beside(source: Path, beside: Path, called: Path) -> Image:
+    """As `build`; an error names the folder as the user knows it."""
+    try:
+        return build(source, beside)
+    except BadInput as error:
+        if str(beside) not in error.where:
+            raise
+        raise BadInput(error.what, error.where.replace(str(beside), str(called)), error.todo) from None
 
 
 def load(file: Path) -> tuple[Image, Table]:

@@ -267,14 +267,15 @@ def report(results: Results, column: str = "", sobol: bool = False) -> Report:
         if alive and all(o.get(name) is None for o in alive):
             todo = "change the function, or [columns] of the campaign"
             raise BadInput(f"no case has a value of the column {name!r}", str(results.folder), todo)
-    ends = Counter(_end(o) for o in outcomes)
+    ends = Counter(_NUMBER.sub("…", _end(o)) for o in outcomes)  # alike but for their numbers: the same end
+    as_first = {_NUMBER.sub("…", end): end for end in map(_end, reversed(outcomes))}
     first = (column,) if column else ()
     shown = dict.fromkeys((*first, *(name for name in SHOWN if name in numbers)))
     return Report(
         results,
         column,
         sum(o["ended"] == DIED for o in outcomes),
-        tuple((end, share(k, len(outcomes))) for end, k in ends.most_common()),
+        tuple((as_first[end], share(k, len(outcomes))) for end, k in ends.most_common()),
         tuple(evaluate(r, outcomes, spec.outcome) for r in spec.requirement),
         tuple(distribution(name, results.columns[name]) for name in shown),
         influences(results, column, sobol) if column else (),
@@ -289,8 +290,7 @@ def _is_number(results: Results, column: str) -> bool:
 
 
 def _end(outcome: Row) -> str:
-    reason = _NUMBER.sub("…", outcome["reason"] or "")  # alike but for their numbers: the same end
-    words = (outcome["ended"], outcome.get("verdict"), reason)
+    words = (outcome["ended"], outcome.get("verdict"), outcome["reason"])
     return ": ".join(str(word) for word in words if word)
 
 

@@ -22,7 +22,7 @@ from kincal.cli.wire import JOURNAL, KEYS, TIMEOUT, URL, Recorded, operator
 from kincal.link import crc_text
 from kincal.review import journal as journals
 from kincal_shared.errors import BadInput, CommandFailed
-from kincal_shared.keys import DEFAULT, Signer, file_of, signer_of
+from kincal_shared.keys import DEFAULT, RUN_KEYS, Signer, file_of, signer_of
 
 if TYPE_CHECKING:
     from kincal.api.operate import Unmet
@@ -163,6 +163,8 @@ def review_show(
     from kincal.pages.page import Provenance
     from kincal.review.status import to_decide
 
+    if by is not None:
+        _check_words(by, "seen")
     if live:
         who = operator(
             {
@@ -249,7 +251,7 @@ def _signer_or_none(key_file: Path) -> Signer | None:
 def _keys_option(key_file: Path, log: Path) -> str:
     """The option that a command about this log needs: the key file that was named, else that of the run,
     which lies beside its log."""
-    beside = log.with_name(journals.RUN_KEYS)
+    beside = log.with_name(RUN_KEYS)
     if key_file == DEFAULT and beside.is_file():
         key_file = beside
     return _option("--keys", key_file, DEFAULT)
@@ -258,6 +260,17 @@ def _keys_option(key_file: Path, log: Path) -> str:
 def _signing_options(key_file: Path, journal: Path | None) -> str:
     """The options of these that are not the default, as words of another command."""
     return _option("--keys", key_file, DEFAULT) + _option("--journal", journal, None)
+
+
+def _check_words(by: str, text: str) -> None:
+    """BadInput for a name or comment that the journal will not take; neither of them is a decision."""
+    from kincal.review import check_words
+
+    if not by.strip():
+        raise BadInput("the name is empty", todo="give it by --by NAME")
+    if not text.strip():
+        raise BadInput("the comment is empty", todo="write what there is to say")
+    check_words(by, text)
 
 
 def _option(name: str, value: object, default: object) -> str:
@@ -467,14 +480,19 @@ def review_comment(
     from kincal.api.reviews import answered
     from kincal.review import parse_crc, record
 
+    _check_words(by, text)
     keys = file_of(key_file)
     path = FILE_OUT.convert(journals.place(journal, keys), None, None)
     what = journals.QUESTION if question else journals.COMMENT
     number, signer = parse_crc(crc) if crc else 0, signer_of(keys)
     if answers is not None:
         number = answered(path, signer, answers, number, question)
+    text_of = f"{number:08x}" if number else ""
+    known = not number or any(e.crc == text_of for e in journals.inspect(path, signer.known).entries)
     record(path, what, number, by, text, "", None, signer, answers=answers or 0)
     say(f"recorded in {path}: {what} by {by}")
+    if not known:
+        say(f"note: it is the first line of this journal about a correction {text_of}; is the CRC right?")
 
 
 @review.command("history")

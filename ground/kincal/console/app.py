@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import math
+import shlex
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from functools import cache
@@ -46,9 +47,6 @@ EVERY_S = 0.15  # between two looks for changes
 BEAT_S = 1.0  # longest silence: a browser that hears nothing for three of them has lost the link
 _PAGE_ROWS = 2_000
 _DIGITS = 15  # of a number in a request
-_OF_A_RECORDING = (
-    "a recording has no review here; `kincal review show LOG --crc CRC` shows it and writes its page"
-)
 _ABORTS = 8  # ABORTs at once, each with a thread of its own
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 Plain = dict[str, Any]
@@ -314,7 +312,11 @@ def _desk_routes(console: Console) -> list[Route]:
     def read(what: Callable[[Desk, Request], Any]) -> Callable[[Request], Any]:
         def answer(request: Request) -> Any:
             if console.desk is None:
-                raise HTTPException(409, _OF_A_RECORDING)
+                which = f" --crc {crc(request)}" if "crc" in request.path_params else ""
+                todo = (
+                    f"`kincal review show {shlex.quote(console.source)}{which}` shows it and writes its page"
+                )
+                raise HTTPException(409, f"a recording has no review here; {todo}")
             if console.shelf is not None:
                 console.shelf.adopt()
             return what(console.desk, request)

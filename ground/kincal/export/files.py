@@ -69,6 +69,11 @@ def _check(files: tuple[Path, ...], keep: tuple[Path, ...]) -> None:
     for file in files:
         if file.is_dir():
             raise BadInput("this is a directory, a file is to be written", str(file), "add a file name")
+    named, *beside = files
+    for file in beside:
+        if file.exists() and not named.exists():  # an earlier export has left both
+            raise BadInput(f"would be replaced by what is written beside {named.name}", str(file),
+                           "choose another name")  # fmt: skip
 
 
 _Made = tuple[tuple[str, ...], tuple[LeftOut, ...]]

@@ -269,8 +269,16 @@ def decode(data: bytes, where: str = "") -> tuple[Image, Table]:
     status = flight.lib.kc_tbl_decode(kind_number(image.kind), data, len(data), struct, events)
     if status != 0:
         why = [event_line(e.id, e.index, e.got, e.want) for e in events.e[0 : events.n]]
+        refused = f"{image.kind} table refused: {status_name(status)}"
+        said, there = int.from_bytes(data[8:12], "little"), len(data) - flight.lib.KC_TBL_HDR_BYTES
+        if said != there:
+            raise BadInput(
+                f"{refused}\n    its header says {said} bytes of contents, the file has {there}",
+                where,
+                "it was cut off, or more was written into it: copy or build it again",
+            )
         raise BadInput(
-            f"{image.kind} table refused: {status_name(status)}" + "".join(f"\n    {line}" for line in why),
+            refused + "".join(f"\n    {line}" for line in why),
             where,
             f"docs/TABLES.md has the fields of {image.kind.upper()} by their numbers, with their limits"
             if any("field" in line for line in why)

@@ -25,6 +25,9 @@ MOODS = {"pass": "good", "fail": "bad", "not shown": ""}
 STRONGEST = 15
 POINTS = 2000  # of a curve
 WIDE = 50.0  # largest over smallest value, from where on the axis is logarithmic
+_OF_ENDS = (
+    "With 95 % bounds of Clopper and Pearson. Where only numbers differ it is one end, with the first's."
+)
 UNITS = {"_m": (1e3, "mm"), "_rad": (1e3, "mrad"), "_s": (1.0, "s")}
 
 
@@ -34,7 +37,7 @@ def page(r: Report, compared: Comparison | None, date: str) -> Page:
     how = f"{spec.sampling} sampling, {len(results.plan.keys)} values dispersed"
     sections = [
         Section("requirements", "Requirements", _requirement_text(r), grid=_requirements(r)),
-        Section("ends", "How cases ended", "With 95 % bounds of Clopper and Pearson.", grid=_ends(r)),
+        Section("ends", "How cases ended", _OF_ENDS, grid=_ends(r)),
     ]  # fmt: skip
     if r.distributions:
         figure = distribution_figure([r, *([compared.b] if compared else [])])

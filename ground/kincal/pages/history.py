@@ -63,7 +63,7 @@ def in_force(history: History, entries: Sequence[Entry]) -> Grid:
         [utc(x.utc_s), x.kind, x.crc or "none", history.what(x), decided(x, entries)]
         for x in reversed(history.in_force)
     ]
-    return Grid.of("<from [UTC]|<table|<CRC|<what|<who and why", rows)
+    return Grid.of("<from [UTC, or s of mission]|<table|<CRC|<what|<who and why", rows)
 
 
 def journal_grid(entries: Sequence[Entry]) -> Grid:
@@ -111,8 +111,13 @@ def trend_figure(trends: Sequence[Trend]) -> go.Figure:
                 figure.add_hline(bound, line={"color": theme.RED, "dash": "dot", "width": 1.2}, **at)
         some = x[:: max(len(x) // 2, 1)]
         figure.update_xaxes(type="category", showticklabels=number >= len(trends) - _COLUMNS,
-                            tickvals=some, ticktext=[text[5:16] for text in some], **at)  # fmt: skip
+                            tickvals=some, ticktext=_short(some), **at)  # fmt: skip
     return figure
+
+
+def _short(times: Sequence[str]) -> list[str]:
+    """Dates without year and seconds, as labels of an axis."""
+    return [text[5:16] if len(text) > 16 else text for text in times]
 
 
 def _title(t: Trend) -> str:
@@ -149,4 +154,4 @@ def monitor_figure(history: History) -> go.Figure:
 def monitor_grid(history: History) -> Grid:
     """Its changes of state, newest first."""
     rows = [[utc(m.utc_s), m.text, m.suspected] for m in reversed(history.monitor_changes())]
-    return Grid.of("<from [UTC]|<state|<suspected", rows)
+    return Grid.of("<from [UTC, or s of mission]|<state|<suspected", rows)

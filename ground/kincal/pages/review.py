@@ -160,7 +160,7 @@ def near(found: Corrected | str, new: str = "proposed", table: str = "the new ta
             r.what,
             r.want,
             f"{r.of - len(r.before)} of {r.of}",
-            Cell(f"{r.of - len(r.after)} of {r.of}", "bad" if r.lost and r.asked else ""),
+            Cell(f"{r.of - len(r.after)} of {r.of}", "bad" if r.lost and not r.passed_over else ""),
             r.lost_text or "none",
         ]
         for r in found.reach

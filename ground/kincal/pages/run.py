@@ -40,7 +40,8 @@ def _verdict(r: RunResult) -> str:
     if not (r.before and r.after):
         return f"{said}."
     change = f"{length_text(r.before.pos_m)} to {length_text(r.after.pos_m)}"
-    return f"{said}; the position error at {r.after.n} poses that were not measured goes from {change}."
+    goes = "goes" if r.after_is == "after" else "would go"
+    return f"{said}; the position error at {r.after.n} poses that were not measured {goes} from {change}."
 
 
 def _tiles(r: RunResult) -> list[Tile]:
@@ -48,8 +49,9 @@ def _tiles(r: RunResult) -> list[Tile]:
     if r.before and r.after:
         position = f"{length_text(r.before.pos_m)} → {length_text(r.after.pos_m)}"
         rotation = f"{angle_text(r.before.rot_rad)} → {angle_text(r.after.rot_rad)}"
-        out.append(Tile(f"held-out position RMS, {r.after.n} poses", position))
-        out.append(Tile("held-out rotation RMS", rotation))
+        which = "" if r.after_is == "after" else ", proposed"
+        out.append(Tile(f"held-out position RMS, {r.after.n} poses{which}", position))
+        out.append(Tile(f"held-out rotation RMS{which}", rotation))
     return [
         *out,
         Tile("poses", f"{len(r.poses)} of {r.n_goal}"),

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from kincal.flight.headers import KcTerms
 
 _WANTED = frozenset({"KC_HK", "KC_PROPOSAL"})
+_FIRST_DATE_S = 1e9  # since 1970; a clock below this one began with the mission
 _OVERLAP = 1 << 16  # bytes: the last event of a growing file may be cut
 _MONITOR = ("quiet", "one joint reads wrong", "unexplained residuals")
 # lines of the journal by which the table that they name came in force, in words
@@ -183,7 +184,9 @@ def joined(parts: Iterable[History]) -> History:
 
 
 def utc(seconds: float) -> str:
-    """UTC to the second."""
+    """UTC to the second; seconds of the mission in the log of a simulated run, which has no date."""
+    if seconds < _FIRST_DATE_S:
+        return f"{seconds:.1f} s"
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 

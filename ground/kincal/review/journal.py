@@ -24,14 +24,14 @@ from kincal.flight import library, tables
 from kincal.link import LogSummary, crc_text
 from kincal.link.names import opcode
 from kincal_shared.errors import BadInput, KincalError
-from kincal_shared.keys import Key, Signer, holder, lock, open_own, signed_by
+from kincal_shared.keys import JOURNAL, JOURNAL_END, RUN_KEYS, Key, Signer, holder, lock, open_own, signed_by
 from kincal_shared.keys import read as read_keys
 
-VARIABLE = "KINCAL_JOURNAL"
-NAME = "review.jsonl"
+NAME = JOURNAL
 """Of a journal, beside the key file; of a run it lies beside its log too."""
-RUN_KEYS = "store.keys"
-"""The key file of a run."""
+END = JOURNAL_END
+"""Suffix of the end mark."""
+VARIABLE = "KINCAL_JOURNAL"
 _LABEL = b"KinCal review 1\0"
 LOCK_WAIT_S = 5.0
 _CANNOT = "the review journal cannot be kept"
@@ -46,8 +46,6 @@ REMARKS = (COMMENT, QUESTION)
 """What people say of a correction beside deciding."""
 SAID = (SEEN, ATTEMPT, REFUSED, UNANSWERED, COMMENT, QUESTION)
 """What changes nothing."""
-END = ".end"
-"""Suffix of the end mark."""
 _END_LABEL = b"KinCal journal end 1\0"
 _DECIDING = {"APPROVE_ARM": ARMED, "APPROVE_GO": APPROVED, "REJECT": REJECTED}
 _OTHERS = ("START", "ROLLBACK", "TABLE_ACTIVATE", "TABLE_DISCARD", "TABLE_DUMP")

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from kincal.flight import library
 from kincal.link import crc_text, read_log, unsigned32
 from kincal.link.log import LogSummary, Session
-from kincal.link.names import VERDICTS, verdict_name
+from kincal.link.names import VERDICTS, opcode, verdict_name
 
 from . import KIN_KIND, Entry, Review, journal, reasons_to_reject
 
@@ -79,10 +80,17 @@ def _state_in_log(log: LogSummary, crc: int, verdict: str) -> str:
     mine = [e for e in log.events if e.name in _STATES and int(e.got) == crc]
     last = _STATES[mine[-1].name] if mine else ""
     if active:
-        return last if last.startswith("in force") else "in force"
+        return (last if last.startswith("in force") else "in force") + _by_executive(log, crc)
     if last.startswith("in force"):
         return "was in force; another table is now"
     return last or _WAITS
+
+
+def _by_executive(log: LogSummary, crc: int) -> str:
+    """That the executive took the second step of an approval, in words: no journal has it."""
+    steps = [c for c in log.commands if c.opcode == opcode("APPROVE_GO") and unsigned32(c.arg_i[0]) == crc]
+    executive = int(library("flight").lib.KC_SRC_EXECUTIVE)
+    return ", approved by the executive" if steps and steps[-1].source == executive else ""
 
 
 @dataclass(frozen=True)

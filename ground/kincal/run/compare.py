@@ -77,8 +77,10 @@ def _with_proposal(result: RunResult, done: Finished) -> RunResult:
     p = done.session.proposal
     if p is None:
         return result
+    only_proposed = names.verdict_key(p.verdict) == "change" and result.active_crc != unsigned32(p.crc)
     return replace(
         result,
+        after_is="proposed" if only_proposed else "after",
         coefs=done.evaluator.coefs(p),
         verdict=names.verdict_name(p.verdict),
         crc=unsigned32(p.crc),

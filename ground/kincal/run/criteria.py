@@ -30,7 +30,7 @@ def criteria(
         active, crc = f"{result.active_crc:08x}", f"{result.crc:08x}"
         yield Criterion("correction in force", active, crc, active == crc)
     if result.after:
-        yield from _held_out(expectation, result.after)
+        yield from _held_out(expectation, result.after, "" if result.after_is == "after" else ", proposed")
     yield from _true_values(result, set(done.evaluator.errors))
 
 
@@ -39,13 +39,13 @@ def _waits_for_ground(request: Request, expectation: Expectation) -> bool:
     return (request.accept or expectation.accept) == "ground" and request.accept != "ground"
 
 
-def _held_out(expectation: Expectation, after: HeldOut) -> Iterator[Criterion]:
+def _held_out(expectation: Expectation, after: HeldOut, which: str) -> Iterator[Criterion]:
     if (most := expectation.held_out_pos_m) > 0.0:
         got, want = length_text(after.pos_m), f"<= {length_text(most)}"
-        yield Criterion("held-out position RMS", got, want, after.pos_m <= most)
+        yield Criterion(f"held-out position RMS{which}", got, want, after.pos_m <= most)
     if (most := expectation.held_out_rot_rad) > 0.0:
         got, want = angle_text(after.rot_rad), f"<= {angle_text(most)}"
-        yield Criterion("held-out rotation RMS", got, want, after.rot_rad <= most)
+        yield Criterion(f"held-out rotation RMS{which}", got, want, after.rot_rad <= most)
 
 
 def _true_values(result: RunResult, injected: set[str]) -> Iterator[Criterion]:

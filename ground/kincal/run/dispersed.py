@@ -124,7 +124,7 @@ def fly(
         Simulation(scenario, seed, Setup(tables=used, log=log, world=_world)) as simulation,
     ):
         world, digest = simulation.world, hashlib.sha256()
-        evaluator = _evaluator(used)
+        evaluator = _evaluator(folder)
         evaluator.learn(GroundTruth.of(truth_record(simulation.scenario, world.plant, seed, "fast")))
         found = read_back(changes, world, used, folder)
         check(changes, found)
@@ -142,7 +142,8 @@ def _world(scenario: Scenario, seed: int) -> World:
 
 
 def _evaluator(folder: Path) -> Evaluator:
-    """By the tables; a new one for each folder with other contents."""
+    """By the tables; a new one for each folder with other contents. It uses nothing of CONFIG, so that cases
+    with other values there share one."""
     return _evaluators(folder, tuple(sorted(crcs(folder).items())))
 
 

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from kincal.link import CommandLink, Received
-from kincal.review import journal
 from kincal_shared import installation, keys
 from kincal_shared.errors import CommandFailed
 
@@ -91,7 +90,7 @@ def perform(request: Request, observer: Observer) -> Finished:
         log=request.out / outputs.LOG,
     )
     with Simulation(scenario, request.seed, setup) as simulation:
-        keys.write(request.out / journal.RUN_KEYS, (simulation.signer.key,))
+        keys.write(request.out / keys.RUN_KEYS, (simulation.signer.key,))
         truth = truth_record(scenario, simulation.world.plant, request.seed, request.mode)
         outputs.write(request.out / outputs.TRUTH, truth)
         evaluator.learn(GroundTruth.of(truth))

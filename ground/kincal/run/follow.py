@@ -79,8 +79,6 @@ def decide(
     if not found.changes_something:
         return
     journal = request.out / review.journals.NAME
-    for file in (journal, review.journals.end_file(journal)):
-        file.unlink(missing_ok=True)  # every run is its own record
 
     def record(decision: str, why: str) -> None:
         signer = decisions.signer_of(link)

@@ -243,7 +243,8 @@ def simulate(
 
 class Simulation:
     """A run a tick at a time, for those who act while it goes on. `simulate` says what scenario, seed and
-    setup are. Use as a context: its log is closed at the end."""
+    setup are. Use as a context: its log is closed at the end. `scenario` is its own copy, which must not be
+    changed while it runs: parts of it are read once."""
 
     def __init__(self, scenario: Scenario | str | Path, seed: int = 1, setup: Setup | None = None) -> None:
         self._begun_s = time.monotonic()
@@ -339,7 +340,7 @@ class Simulation:
         world.advance(now_us)
         # Where nobody but flight hears the simulator, states need no messages, and what flight does not take
         # need not be made.
-        if plain := self._secret and UNHEARD.isdisjoint(commander.channels):
+        if plain := self._secret and UNHEARD.isdisjoint(commander.channels) and not self._states_sent():
             frames, judged = world.watch()
             to_flight = self._send_to_flight(frames) if frames or self._sent else ()
             flight.receive_states(world)
@@ -355,6 +356,10 @@ class Simulation:
         if quiet and not from_flight:
             return quiet
         return Tick(number, now_us, flight.state, to_flight, from_flight, world if plain else None, judged)
+
+    def _states_sent(self) -> bool:
+        """Whether states were published by hand: flight has to have them beside the simulator's."""
+        return any(channel in STATES for channel, _ in self._sent)
 
     def _send_to_flight(self, sensors: list[Message]) -> Messages:
         """Commands of the tick before, then what the simulator measures now."""

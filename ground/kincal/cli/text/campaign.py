@@ -34,7 +34,8 @@ def report(out: Console, r: Report) -> None:
 
 
 def _ends(out: Console, r: Report) -> None:
-    rows = grid("\nHow cases ended", "end", "cases", "share", "95 % bounds", right=(1, 2))
+    title = "\nHow cases ended; where only numbers differ, those of the first"
+    rows = grid(title, "end", "cases", "share", "95 % bounds", right=(1, 2))
     for end, share in r.ends:
         bounds = f"{percent(share.low)} to {percent(share.high)}"
         rows.add_row(escape(end), str(share.k), percent(share.value), bounds)

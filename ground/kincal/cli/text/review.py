@@ -42,7 +42,7 @@ def proposals(out: Console, logs: Sequence[Sequence[Listed]]) -> None:
 
 def history(out: Console, found: History, trends: Sequence[Trend], entries: Sequence[Entry]) -> None:
     """What was in force when, coefficients over the corrections, states of the monitor; oldest first."""
-    rows = grid("in force", "from [UTC]", "table", "CRC", "what", "decided by")
+    rows = grid("in force", "from [UTC, or s of mission]", "table", "CRC", "what", "decided by")
     for x in found.in_force:
         what, who = escape(found.what(x)), escape(decided(x, entries))
         rows.add_row(utc(x.utc_s), x.kind, x.crc or "none", what, who)
@@ -54,7 +54,7 @@ def history(out: Console, found: History, trends: Sequence[Trend], entries: Sequ
             sizes = amount(p.value, t.unit), amount(p.sigma, t.unit), amount(max(-t.lower, t.upper), t.unit)
             rows.add_row(escape(t.name), p.crc, *sizes, "yes" if p.active else "no")
     out.print(rows if trends else "no coefficients: no correction, or of TERMS tables that are not at hand")
-    rows = grid("monitor", "from [UTC]", "state", "suspected")
+    rows = grid("monitor", "from [UTC, or s of mission]", "state", "suspected")
     for m in found.monitor_changes():
         rows.add_row(utc(m.utc_s), m.text, m.suspected)
     out.print(rows)

@@ -103,7 +103,7 @@ def _held_out(out: Console, r: RunResult) -> None:
         return
     title = f"\nPose error over {r.after.n} held-out poses"
     shown = grid(title, "", "position RMS", "rotation RMS", right=(1, 2))
-    for name, h in (("before", r.before), ("after", r.after)):
+    for name, h in (("before", r.before), (r.after_is, r.after)):
         shown.add_row(name, length_text(h.pos_m), angle_text(h.rot_rad))
     out.print(shown)
 

@@ -3,7 +3,7 @@
 import { age, el, fixed, mark, show } from "./dom.js";
 import { next, own, uplink } from "./benchmore.js";
 import { document_ } from "./document.js";
-import { say } from "./said.js";
+import { say, unsay } from "./said.js";
 import { ask, store, tell, upload } from "./store.js";
 
 const TASKS = [
@@ -13,7 +13,7 @@ const TASKS = [
   ["next", "Next poses", "The poses that separate effects best."],
 ];
 const POLL_MS = 700;
-let parts = null, state = null, chosen = null, answer = null, timer = null, stamp = "", known = "";
+let parts = null, state = null, chosen = null, answer = null, timer = null, stamp = "", known = "", said = "", running = null;
 
 export function open(root) {
   parts = {
@@ -25,7 +25,7 @@ export function open(root) {
   show(root, el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "Files, model, work" }, parts.files, parts.model, parts.work), el("div", { class: "middle" }, parts.tabs, parts.answer), el("aside", { class: "right", tabindex: "0", role: "region", "aria-label": "Findings and what follows" }, parts.found, parts.next, parts.uplink));
   poll();
 }
-export function close() { clearTimeout(timer); parts = null; }
+export function close() { clearTimeout(timer); parts = null; unsay(said); }
 export function update() { /* flight is not shown here */ }
 export function recolour() { answer?.page?.draw(true); }
 export function at([what]) { if (what) { chosen = what; load(); } }
@@ -35,12 +35,18 @@ async function poll() {
   if (!parts) return;
   try { state = await ask("bench"); } catch (error) { say(error.message, false); }
   if (!parts) return;
-  if (state) draw();
+  if (state) { ended(state.job); draw(); }
   timer = setTimeout(poll, state?.job?.status === "running" ? POLL_MS : 3000);
 }
 
+// "diagnose began" is no longer true when it has ended.
+function ended(job) {
+  if (running && job?.status !== "running") { unsay(said); said = ""; }
+  running = job?.status === "running" ? job.what : null;
+}
+
 async function act(path, body) {
-  try { const said = await tell(`bench/${path}`, body); say(said.text); } catch (error) { say(error.message, false); }
+  try { said = (await tell(`bench/${path}`, body)).text; say(said); } catch (error) { say(error.message, false); }
   await poll();
 }
 
@@ -192,9 +198,9 @@ async function found() {
   const same = got.key.arm === state.case.arm && got.key.data === state.case.data;
   show(parts.found, el("h2", {}, "Findings"),
     same ? null : el("p", { class: "attention" }, "▲ of other measurements than the chosen ones"),
-    same && all.length ? el("button", { type: "button", class: "primary", onclick: () => add(...all) }, `add all ${all.length} effects found`) : null,
+    same && all.length ? el("button", { type: "button", class: "primary", onclick: () => add(...all) }, all.length === 1 ? "add the effect found" : `add all ${all.length} effects found`) : null,
     got.findings.length ? el("ul", {}, got.findings.map((f) => el("li", {},
-      el("p", {}, mark(f.found ? "ok" : "unknown", f.found ? "found" : "alternative"), " ", el("b", {}, f.label), ` ${f.found ? "found" : "alternative"}, P = ${f.probability.toFixed(2)}`),
+      el("p", {}, mark(f.found ? "ok" : "unknown", f.found ? "found" : "alternative"), " ", el("b", {}, f.label), ` ${f.found ? "found" : "alternative"}, ${f.probability > 0.99 ? "P > 0.99" : `P = ${f.probability.toFixed(2)}`}`),
       el("p", { class: "small" }, f.gain), f.confounded.length ? el("p", { class: "small attention" }, `▲ cannot be distinguished from ${f.confounded.slice(0, 4).join(", ")}`) : null,
       mine.has(f.name) ? el("span", { class: "muted" }, "in the model") : same ? el("button", { type: "button", onclick: () => add(f.name) }, "add") : null)))
       : el("p", {}, "● These measurements show no missing effect."));

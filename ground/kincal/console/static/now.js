@@ -1,5 +1,5 @@
 // What flight does at this moment, what waits for whom, and how old each of these values is.
-import { age, el, fixed, mark, show, svg } from "./dom.js";
+import { age, el, fixed, mark, mission, show, svg } from "./dom.js";
 import { confirmed } from "./confirm.js";
 import { eventList } from "./events.js";
 import { LIGHT, draw } from "./plots.js";
@@ -119,7 +119,7 @@ function ages() {
   const rows = HEARD.map(([channel, label]) => {
     const f = freshness(channel), regular = store.periods[channel] !== undefined;
     const status = f.status === "fresh" && !regular ? "ok" : f.status;
-    const text = f.age_s === null ? "never received" : store.about.live ? `${age(f.age_s)} ago` : `at ${fixed(store.values[channel].t_us * 1e-6, 1, "s")}`;
+    const text = f.age_s === null ? "never received" : store.about.live ? `${age(f.age_s)} ago` : `at ${mission(store.values[channel].t_us ?? store.values[channel].received_s * 1e6)}`;
     return [status, label, f.status === "stale" && regular ? `${text}, ${f.text}` : text, f.text];
   });
   const key = JSON.stringify(rows);

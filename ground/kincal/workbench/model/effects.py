@@ -19,7 +19,7 @@ from kincal_shared.schema.arm import ArmTable
 from kincal_shared.schema.effects import EffectEntry, ParameterEntry, read_effects
 from kincal_shared.schema.errors import utf8_text
 from kincal_shared.schema.model import UnnamedEntry
-from kincal_shared.schema.names import COMPONENTS, FAULTS_ON_TOOL, PNP, effect_of, is_unnamed
+from kincal_shared.schema.names import COMPONENTS, FAULTS_ON_TOOL, PNP, effect_of, is_unnamed, place_of
 from kincal_shared.schema.terms import ONE, Basis, Names, TermEntry, parse_gain
 
 from ..data.measurements import Measurements
@@ -470,6 +470,22 @@ class Library:
                 f"effect {name!r}: {arm.name} has {arm.n} joints, there is no joint {', '.join(beyond)}",
                 todo=f"name joints from 1 to {arm.n}",
             )
+
+    def check_once(self, names: Iterable[str]) -> None:
+        """BadInput if an effect is twice at a joint: backlash[1,5] and backlash[5,6], or backlash[2,2]."""
+        named: dict[str, str] = {}
+        for name in names:
+            effect = self.effects.get(effect_of(name))
+            if effect is None or effect.per != "joint" or not place_of(name):
+                continue
+            for place in place_of(name)[1:-1].split(","):
+                at = f"{effect.name}[{place.strip()}]"
+                if at in named:
+                    by = f"by {named[at]}" if named[at] != name else "by itself"
+                    raise BadInput(
+                        f"{name} would be twice at one joint: {at} is named {by}", todo="name each joint once"
+                    )
+                named[at] = name
 
     def _unnamed(self, name: str) -> Effect:
         if name not in self.unnamed:
