@@ -228,7 +228,7 @@ def test_the_last_proposal_is_shown_and_any_by_its_crc(tmp_path, monkeypatch):
     second.session, second.crc = 4, 0x77
     sessions = {3: Session(3, [], [], first), 4: Session(4, [], [], sealed(second))}
     log = LogSummary(Path("x"), sessions=sessions)
-    monkeypatch.setattr(review, "read_log", lambda _path: log)
+    monkeypatch.setattr(review, "read_log", lambda _path, _channels: log)
     assert review.find(tmp_path, None, BIN).crc == 0x77
     assert review.find(tmp_path, f"{CRC:08x}", BIN).session == 3
 
