@@ -357,6 +357,15 @@ def test_a_decision_without_a_name_is_refused_before_flight_is_asked(file, act, 
     assert not flight.commands and flight.now_s == 0.0 and not file.exists()
 
 
+@pytest.mark.parametrize("act", [decisions.arm, decisions.go, decisions.reject])
+def test_nothing_is_decided_about_the_crc_0_by_which_flight_says_that_nothing_waits(file, act, signer):
+    flight = DirectFlight(signer)
+    who, _ = operator(file)
+    with pytest.raises(BadInput, match="no correction has the CRC 00000000"):
+        act(flight, "00000000", who)
+    assert not flight.commands and not file.exists()
+
+
 def test_what_is_asked_while_housekeeping_is_waited_for_is_looked_at_first(file, good, signer):
     asked = []
 

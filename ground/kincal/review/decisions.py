@@ -322,6 +322,10 @@ class _Case:
 def _case(link: CommandLink, crc: str, who: Operator, command: str) -> _Case:
     """Refused when the words are missing, the journal is not sound, or something else waits."""
     wanted = parse_crc(crc)
+    if not wanted:  # to flight, that nothing waits
+        raise BadInput(
+            f"no correction has the CRC {crc}", todo="`kincal review list --live` shows what waits"
+        )
     check_words(who.by, who.why)
     signer = signer_of(link)
     before = journal.read(who.journal, signer.known)
