@@ -173,6 +173,24 @@ def test_verdict_and_star_name_only_what_is_shown_to_help(found):
     assert "no effect that helps is likely to be the cause: with backlash" in explain.verdict(unlikely)
 
 
+def test_what_was_taken_back_is_said_so_in_every_form(found):
+    [e] = [e for e in found.d.effects if e.accepted]
+    gain = replace(e.held, after_m=e.held.before_m, interval=(0.99, 1.01), rotation=1.0)
+    doubts = replace(e.doubts, evidence=0.99, support=0.5)
+    back = replace(e, role="alternative", taken_back=True, held=gain, doubts=doubts, probability=0.495)
+    d = replace(found.d, effects=(back,), verdict="undecidable", adequate_after=True)
+    said = "evidence for backlash[4], but poses that were not fitted do not confirm it"
+    assert said in explain.verdict(d) and explain.verdict(d).startswith("The model explains these data")
+    [line] = [line for line in diagnosis_text(d).splitlines() if "backlash[4]: " in line]
+    assert line.startswith("  backlash[4]") and "does not help" in line
+    assert "P = 0.49" in line and "= 0.99 (evidence) x 0.50 (helps on poses that were not fitted)" in line
+    [one] = diagnosis_json(d)["effects"]
+    assert not one["in_model"] and explain.NOT_CONFIRMED in one["why"]
+    assert explain.NOT_CONFIRMED in diagnosis_text(d)
+    html = render(pages.page(replace(found.content, diagnosis=d), Provenance("2026-11-28")))
+    assert said in html and explain.NOT_CONFIRMED in html
+
+
 @pytest.mark.parametrize(
     ("known", "structured", "said"),
     [(None, False, "More than noise of equal size is left, but these data do not determine what it is: "),
@@ -182,7 +200,8 @@ def test_noise_that_is_larger_at_some_poses_may_be_all_that_is_left(known, struc
     """ "Something is missing" was said of joints whose readings are noisier than the pose sensor."""
     c = SimpleNamespace(p_lack_of_fit=known, structured=structured, outliers=Outliers((), 60), kept_back=None,
                         turned=None, alike=None)  # fmt: skip
-    d = SimpleNamespace(comparison=c, effects=(), novel=None, serial=None, verdict="undecidable")
+    d = SimpleNamespace(comparison=c, effects=(), novel=None, serial=None, verdict="undecidable",
+                        adequate_after=False)  # fmt: skip
     assert explain.verdict(d).startswith(said)
 
 

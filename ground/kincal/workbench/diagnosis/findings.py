@@ -119,7 +119,8 @@ class EffectFinding:
     parameters; held: what held-out poses gain; confounded_with: effects that these data (or no data at all)
     can tell from it; explained_share: of what the model without it leaves; doubts: what makes the probability
     smaller than that of the evidence; inferred_direction: it rests on an approach direction that nobody
-    recorded; constants: those that were searched, or assumed; inspect: what to look at on the arm."""
+    recorded; constants: those that were searched, or assumed; inspect: what to look at on the arm;
+    taken_back: it won by evidence, but poses that were not fitted do not confirm it."""
 
     name: str
     label: str
@@ -136,6 +137,7 @@ class EffectFinding:
     inferred_direction: bool = False
     constants: tuple[tuple[str, float], ...] = ()
     inspect: str = ""
+    taken_back: bool = False
 
     @property
     def accepted(self) -> bool:
@@ -521,6 +523,7 @@ class _Reporter:
             inferred_direction=self._rests_on_inferred_direction(h),
             constants=h.constants,
             inspect=self.study.library.effects[h.effect].inspect,
+            taken_back=h.name in self.back,
         )
 
     def _doubts(self, h: Hypothesis, evidence: float, competing: Sequence[str]) -> Doubts:

@@ -18,7 +18,7 @@ from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
 from ..model.unnamed_names import HEADINGS, SENSOR_AXES, UnnamedName
 from ..numerics.distributions import chi2_tail
-from ..prediction.gain import judged, much_worse
+from ..prediction.gain import much_worse
 from ..prediction.nested import EffectGain, NestedModels
 from ..prediction.nextposes import NextPose, poses_to_decide
 from ..prediction.reachable import Reachable
@@ -134,6 +134,8 @@ def why(e: EffectFinding) -> str:
         text += f", probability {e.probability:.2f}{doubts(e)}"
     if e.harms:
         text += "; it harms: not in the model"
+    elif e.taken_back:
+        text += f"; {NOT_CONFIRMED}"
     if e.doubts.worse:
         text += f"; it makes {listed([*map(in_block, e.doubts.worse)])} much worse: not in the model"
     if e.inferred_direction:
@@ -174,7 +176,7 @@ def held_gain(gain: HeldGain) -> str:
     return (
         f"{kind} error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm, ratio "
         f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}){turned}: "
-        f"{judged(gain.interval)}"
+        f"{gain.judged}"
     )
 
 
@@ -193,6 +195,10 @@ def probability(p: float) -> str:
     if p < 0.01:
         return "P < 0.01"
     return "P > 0.99" if p > 0.99 else f"P = {p:.2f}"
+
+
+NOT_CONFIRMED = "the evidence is that of fitted poses, and others do not confirm it: not in the model"
+"""Of an effect that won, and was taken back."""
 
 
 def odds(e: EffectFinding, d: Diagnosis) -> str:
@@ -517,6 +523,11 @@ def _verdict(d: Diagnosis) -> str:
             "effect is shown to predict it: the noise is larger there, or these poses do not determine the "
             "effect."
         )
+    if d.verdict == "undecidable" and not taken and (names := _unconfirmed(d)):
+        return (
+            f"The model explains these data{but_for(d.outliers)}: there is evidence for {listed(names)}, but "
+            "poses that were not fitted do not confirm it."
+        )
     if d.verdict == "undecidable" and (one := _one_of(d)):
         return f"{one}: {with_them}."
     if d.verdict == "undecidable":
@@ -562,6 +573,11 @@ def _one_of(d: Diagnosis) -> str:
     return ""
 
 
+def _unconfirmed(d: Diagnosis) -> list[str]:
+    """Effects that were taken back where the model explains the data without them."""
+    return [e.name for e in d.effects if e.taken_back] if d.adequate_after else []
+
+
 def _with_others(e: EffectFinding, d: Diagnosis) -> str:
     """An effect by name, with those that it may be as well."""
     others = _likely_confounded(e, d) if is_confounded(e) else []
@@ -594,7 +610,7 @@ def _as_function(u: UnnamedFinding) -> str:
     """What held-out poses say of a smooth function there, unless they gain."""
     if not u.curves or not math.isfinite(u.held.after_m) or u.held.gains:
         return ""
-    return f" (modelled as a smooth function: {judged(u.held.interval)})"
+    return f" (modelled as a smooth function: {u.held.judged})"
 
 
 def _held_fall(d: Diagnosis) -> str:
