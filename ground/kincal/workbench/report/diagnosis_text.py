@@ -74,6 +74,7 @@ def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
         f"{_mark(e)} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),
         *([f"      {explain.NOT_CONFIRMED}"] if e.taken_back else []),
         *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
+        *[f"      {wrong}" for wrong in [explain.negative(e.parameters)] if wrong],
         *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),
     ]
 

@@ -8,12 +8,14 @@ from collections.abc import Sequence
 from ..comparison.compare import Comparison
 from ..data.direction import in_random_order
 from ..data.measurements import Measurements
-from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
+from ..diagnosis import Diagnosis, EffectFinding, HeldGain, ParameterValue, UnnamedFinding
+from ..diagnosis.findings import fitted_values
 from ..diagnosis.suggestions import Suggestion
 from ..evidence.adequacy import REPLICATES, STATED, STRUCTURE_P, UNKNOWN, NoiseFloor, Outliers, TurnedFrame
 from ..evidence.neighbours import Alike
 from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
+from ..fit.length_scale import LengthScale
 from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
 from ..model.unnamed_names import HEADINGS, SENSOR_AXES, UnnamedName
@@ -140,7 +142,28 @@ def why(e: EffectFinding) -> str:
         text += f"; it makes {listed([*map(in_block, e.doubts.worse)])} much worse: not in the model"
     if e.inferred_direction:
         text += "; approach direction inferred from the order of measurement"
+    if against_nature := negative(e.parameters):
+        text += f"; {against_nature}"
     return text
+
+
+def negative(values: Sequence[ParameterValue], effect: str = "") -> str:
+    """Values that are negative though nature has positive ones only, and what to check; empty if there are
+    none. effect: its name, if it is to be said."""
+    meant: dict[str, list[str]] = {}
+    for p in values:
+        if p.wrong_sign:
+            meant.setdefault(p.if_negative, []).append(p.name)
+    of = f" of {effect}" if effect else ""
+    return "; ".join(
+        f"{listed(names)}{of} {'is' if len(names) == 1 else 'are'} negative: {text}"
+        for text, names in meant.items()
+    )
+
+
+def all_negative(fit: Fit) -> list[str]:
+    """The same of all effects of a fit."""
+    return [said for h in fit.hypotheses if (said := negative(fitted_values(h, fit), h.name))]
 
 
 def is_confounded(e: EffectFinding) -> bool:
@@ -453,6 +476,14 @@ def notes(c: Comparison) -> list[str]:
     return [*c.consistency.doubts, *turned, *still, *([assumed] if assumed else [])]
 
 
+def length_scale(s: LengthScale) -> str:
+    """That all lengths are wrong by one factor, and what to measure."""
+    return (
+        f"all lengths of the arm differ from its table by {100 * s.share:+.2f} % +- {100 * s.std_err:.2f} %: "
+        "a wrong size of the tag or scale of the sensor looks the same; measure the tag"
+    )
+
+
 def turned_frame(t: TurnedFrame) -> str:
     """What is wrong with the frames of orientations and positions, and what to do."""
     x, y, z = (f"{1e3 * v:.2f}" for v in t.rotation_rad)
@@ -482,11 +513,14 @@ def not_testable(n: Untestable) -> str:
 
 
 def verdict(d: Diagnosis) -> str:
-    """The diagnosis in one sentence, and one more where the noise is correlated in time."""
-    found = _verdict(d)
-    if d.serial is None:
-        return found
-    return f"{found} {correlated(d.serial, random_order=in_random_order(d.comparison.data))}"
+    """The diagnosis in one sentence, and more where all lengths are wrong by one factor, values have a sign
+    that nature does not have, or the noise is correlated in time."""
+    scale = d.comparison.length_scale
+    said = [_verdict(d), *([f"A{length_scale(scale)[1:]}."] if scale else [])]
+    said += [f"{text}." for e in d.effects if e.in_model and (text := negative(e.parameters, e.name))]
+    if d.serial is not None:
+        said.append(correlated(d.serial, random_order=in_random_order(d.comparison.data)))
+    return " ".join(said)
 
 
 def correlated(s: Serial, *, random_order: bool) -> str:
