@@ -17,7 +17,7 @@ from kincal.pages import diagnosis_grids as grids
 from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
-from kincal.workbench.diagnosis import competing
+from kincal.workbench.diagnosis import ParameterValue, competing
 from kincal.workbench.evidence.adequacy import UNKNOWN, NoiseFloor, Outliers
 from kincal.workbench.evidence.serial import Serial
 from kincal.workbench.fit.least_squares import fit_model
@@ -26,7 +26,7 @@ from kincal.workbench.prediction.gain import held_ratio, judged, rms_interval
 from kincal.workbench.prediction.nextposes import NextPose
 from kincal.workbench.prediction.reachable import Reachable
 from kincal.workbench.report import advice, explain, headline
-from kincal.workbench.report.answers import diagnosis_json, poses_text
+from kincal.workbench.report.answers import comparison_json, comparison_text, diagnosis_json, poses_text
 from kincal.workbench.report.content import report_content
 from kincal.workbench.report.diagnosis_text import diagnosis_text
 from kincal.workbench.report.partial import effect_panels, place_panels
@@ -173,6 +173,76 @@ def test_verdict_and_star_name_only_what_is_shown_to_help(found):
     assert "no effect that helps is likely to be the cause: with backlash" in explain.verdict(unlikely)
 
 
+def test_what_was_taken_back_is_said_so_in_every_form(found):
+    [e] = [e for e in found.d.effects if e.accepted]
+    gain = replace(e.held, after_m=e.held.before_m, interval=(0.99, 1.01), rotation=1.0)
+    doubts = replace(e.doubts, evidence=0.99, support=0.5)
+    back = replace(e, role="alternative", taken_back=True, held=gain, doubts=doubts, probability=0.495)
+    d = replace(found.d, effects=(back,), verdict="undecidable", adequate_after=True)
+    said = "evidence for backlash[4], but poses that were not fitted do not confirm it"
+    assert said in explain.verdict(d) and explain.verdict(d).startswith("The model explains these data")
+    [line] = [line for line in diagnosis_text(d).splitlines() if "backlash[4]: " in line]
+    assert line.startswith("  backlash[4]") and "does not help" in line
+    assert "P = 0.49" in line and "= 0.99 (evidence) x 0.50 (helps on poses that were not fitted)" in line
+    [one] = diagnosis_json(d)["effects"]
+    assert not one["in_model"] and explain.NOT_CONFIRMED in one["why"]
+    assert explain.NOT_CONFIRMED in diagnosis_text(d)
+    html = render(pages.page(replace(found.content, diagnosis=d), Provenance("2026-11-28")))
+    assert said in html and explain.NOT_CONFIRMED in html
+
+
+# --------------------------------------------------------------------------- values and lengths
+
+
+def test_a_sign_that_nature_does_not_have_is_in_every_form_of_the_answer(found):
+    [e] = [e for e in found.d.effects if e.accepted]
+    values = [ParameterValue(n, v, 1e-6, "rad", "why") for n, v in (("c", -5e-6), ("d", -2e-6), ("e", 5e-6))]
+    d = replace(found.d, effects=(replace(e, parameters=tuple(values)),))
+    assert explain.verdict(d).endswith(" mm. c of backlash[4] is negative: why.")
+    assert "      c is negative: why\n" in diagnosis_text(d)
+    [one] = diagnosis_json(d)["effects"]
+    assert one["negative"] == "c is negative: why" and one["why"].endswith("; c is negative: why")
+    assert "c is negative: why" in pages._finding(d.effects[0], replace(found.content, diagnosis=d))
+    assert diagnosis_json(found.d)["effects"][0]["negative"] == ""
+
+
+def scaled(arm, seed, share, built_m=3e-4):
+    """60 positions of an arm built so well, measured with a sensor whose lengths are too long by a share."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(*np.array([row[3:5] for row in poses.WAM]).T, (60, 7))
+    dh = rng.normal(size=(7, 4)) * [2e-3, 2e-3, built_m, built_m]
+    p_m = (1.0 + share) * np.array([poses.tool_pose(row, dh)[:3, 3] for row in q])
+    ids = tuple(map(str, range(60)))
+    return wb.compare(arm, wb.Measurements("made", ids, q, p_m + 1e-4 * rng.normal(size=p_m.shape)))
+
+
+def test_lengths_that_are_all_wrong_by_one_factor_are_said_first(found, floating):
+    c = scaled(floating, 1, 0.008)
+    scale = c.length_scale
+    assert abs(scale.share - 0.008) < 3 * scale.std_err < 0.003
+    said = "all lengths of the arm differ from its table by +0."
+    assert said in "\n".join(comparison_text(c).splitlines()[:3])
+    assert comparison_json(c)["length_scale"]["share"] == scale.share
+    d = replace(found.d, comparison=c)
+    assert f"A{said[1:]}" in explain.verdict(d) and "measure the tag" in explain.verdict(d)
+    assert scaled(floating, 1, -0.008).length_scale.share == pytest.approx(-0.008, abs=0.003)
+
+
+@pytest.mark.parametrize("built_m", [1e-5, 3e-4, 3e-3])
+def test_lengths_that_are_wrong_each_by_its_own_have_no_factor(floating, built_m):
+    """A covariance of the fit alone, without the error of lengths as they are built, would find one."""
+    assert [scaled(floating, seed, 0.0, built_m).length_scale for seed in range(6)] == [None] * 6
+
+
+@pytest.fixture(scope="module")
+def floating(tmp_path_factory):
+    """The WAM with base and tool frames to be found."""
+    path = poses.arm_toml(tmp_path_factory.mktemp("floating") / "arm.toml", masses=False)
+    known = "quat_wxyz = [1.0, 0.0, 0.0, 0.0]"
+    path.write_text(path.read_text().replace(known, f"{known}\nestimate = true"))
+    return wb.read_arm(path)
+
+
 @pytest.mark.parametrize(
     ("known", "structured", "said"),
     [(None, False, "More than noise of equal size is left, but these data do not determine what it is: "),
@@ -181,8 +251,9 @@ def test_verdict_and_star_name_only_what_is_shown_to_help(found):
 def test_noise_that_is_larger_at_some_poses_may_be_all_that_is_left(known, structured, said):
     """ "Something is missing" was said of joints whose readings are noisier than the pose sensor."""
     c = SimpleNamespace(p_lack_of_fit=known, structured=structured, outliers=Outliers((), 60), kept_back=None,
-                        turned=None, alike=None)  # fmt: skip
-    d = SimpleNamespace(comparison=c, effects=(), novel=None, serial=None, verdict="undecidable")
+                        turned=None, alike=None, length_scale=None)  # fmt: skip
+    d = SimpleNamespace(comparison=c, effects=(), novel=None, serial=None, verdict="undecidable",
+                        adequate_after=False)  # fmt: skip
     assert explain.verdict(d).startswith(said)
 
 

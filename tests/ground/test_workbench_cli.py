@@ -34,7 +34,7 @@ DIAGNOSE = {
 }  # fmt: skip
 EFFECT = {
     "name", "probability", "p_value", "delta_bic", "held_rms_before_mm", "held_rms_after_mm", "parameters",
-    "confounded_with", "why",
+    "confounded_with", "negative", "why",
 }  # fmt: skip
 MINE = """[[effect]]
 name = "odd_coupling"
@@ -306,12 +306,15 @@ def test_effects_lists_what_people_need():
     rows = {row["name"]: row for row in answer("effects")}
     assert len(rows) >= 28
     row = rows["joint_compliance[j]"]
+    wrong = row["parameters"][0].pop("if_negative")
     assert row["parameters"] == [{"name": "c", "unit": "rad/(N m)", "sigma": 2e-4, "image": None}]
+    assert "gravity_m_s2" in wrong
     for name, row in rows.items():
         for key in ("title", "formula", "looks_like", "inspect"):
             assert row[key], f"{name} has no {key}"
     text = good("effects").output
     assert "dq_j = c_j tau_j" in text
+    assert f"c is positive in nature; if negative, {wrong}" in text
     assert "confounded with" in text
 
 

@@ -8,11 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
+from kincal.workbench.diagnosis.findings import fitted_values
 from kincal.workbench.fit.columns import Columns
 from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.model.hypotheses import Competition, covers, joints_of
 from kincal.workbench.model.levers import TOOL, bodies
 from kincal.workbench.model.uplink import term_image
+from kincal.workbench.report import explain
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.effects import read_effects
 from kincal_shared.schema.errors import SchemaError
@@ -109,6 +111,24 @@ def test_a_base_that_turns_steadily_is_one_effect(tmp_path, library):
     assert found.name == "base_drift" and found.probability > 0.9
     rate = next(p for p in found.parameters if p.name == "rx")
     assert abs(rate.value - 1e-3) < 1e-4 and rate.unit == "rad/h"
+
+
+# --------------------------------------------------------------------------- against gravity
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["right", "wrong"])
+@pytest.mark.parametrize("name", ["joint_compliance[2]", "gravity_backlash[2]", "link_bending[3]"])
+def test_what_gives_way_against_gravity_says_what_to_check(library, tmp_path, name, sign):
+    """With the sign of gravity wrong in the arm table it was joint_compliance with P > 0.99, and negative."""
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    arm = replace(arm, gravity_m_s2=sign * arm.gravity_m_s2)
+    data = measure(tmp_path, 40, 5, sagging([0, 4e-4, 0, 0, 0, 0, 0]))
+    h = library.find(name, arm, data)[0]
+    [value] = fitted_values(h, fit_model(arm, data, [h]))
+    assert np.sign(value.value) == sign and value.wrong_sign == (sign < 0.0)
+    said = explain.negative((value,), h.name)
+    assert said.startswith(f"{value.name} of {name} is negative: ") == (sign < 0.0)
+    assert ("gravity_m_s2" in said) == (sign < 0.0) == bool(said)
 
 
 # --------------------------------------------------------------------------- gravity without masses

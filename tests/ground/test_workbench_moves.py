@@ -21,6 +21,7 @@ from kincal.workbench.evidence.replicates import replicates
 from kincal.workbench.evidence.unnamed import lagging as lagging_cells
 from kincal.workbench.fit.columns import Columns
 from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.model.grids import finer, grid_values
 from kincal.workbench.model.uplink import term_table
 from kincal.workbench.prediction.nextposes import next_poses
 from kincal.workbench.report import answers, explain
@@ -452,3 +453,42 @@ def test_noise_of_replicates_follows_no_approach(arm, seed):
         found = replicates(fit)
         assert found.approached is None and not found.error.any()
         assert explain.approached(noise_floor(fit)) == ""
+
+
+# --------------------------------------------------------------------------- one pose
+
+
+def test_no_pose_alone_supports_a_step():
+    """A step between the first pose and the second was found in five joints at once."""
+    rng = np.random.default_rng(2)
+    q = random_joints(rng, 20)
+    data = measured(rng, q, np.zeros_like(q))
+    tried = [
+        *grid_values("times", data),
+        *(t for best in (0.5, 9.5, 18.5) for t in finer("times", best, data)),
+    ]
+    assert {min(sum(data.t_s < t), sum(data.t_s > t)) >= 3 for t in tried} == {True}
+    assert {2.5, 16.5} <= set(tried), "as near to the ends as three poses let it be"
+
+
+def test_a_break_between_two_times_of_many_poses_is_a_step():
+    rng = np.random.default_rng(2)
+    q = random_joints(rng, 12)
+    data = replace(measured(rng, q, np.zeros_like(q)), t_s=np.repeat([0.0, 100.0], 6))
+    assert grid_values("times", data) == [50.0]
+
+
+@pytest.mark.parametrize("name", ["measurement_lag", "joint_settling"])
+def test_beside_an_effect_of_moves_nothing_explains_the_pose_whose_move_nobody_knows(arm, library, name):
+    rng = np.random.default_rng(11)
+    q = random_joints(rng, 40)
+    error = -2e-3 * changes(q)
+    error[0] = rng.normal(0.0, 4e-3, 7)  # it came from somewhere
+    data = with_direction(measured(rng, q, error))
+    study = Study.of(wb.compare(arm, data), library, (), True)
+    [h] = [c.variants[0] for c in study.competition.candidates if c.name == name]
+    weight = study.scorer((h,)).columns.weight
+    assert weight[0] <= 1e-3 and (weight[1:] == study.weight[1:]).all()
+    assert not study.posterior((h,)).something_missing
+    alone = study.scorer(()).columns.weight
+    assert (alone == study.weight).all(), "backlash may have its evidence there"

@@ -170,6 +170,23 @@ def test_what_does_not_help_poses_that_were_not_fitted_is_no_finding(gone):
     assert never_worse(study, start, replace(study, known_noise=True)) is start
 
 
+def test_what_surely_does_not_help_is_taken_back_however_strong_its_evidence():
+    """It was advised with P = 0.99 and "does not help" in one line."""
+    bad = HeldGain(1e-3, 1e-3, (0.985, 1.02))
+    gains = {"bad": bad, "turns": replace(bad, rotation=0.95), "little": replace(bad, after_m=0.996e-3),
+             "open": replace(bad, interval=(0.95, 1.02))}  # fmt: skip
+
+    class Reported(Held):
+        def held_gain(self, _model, h):
+            return gains[h.name]
+
+    study = Reported({}, known_noise=True)
+    found = never_worse(study, chosen(*gains), study)
+    assert [k.effect.name for k in found.kept] == ["turns", "little", "open"]
+    assert [k.effect.name for k in found.taken_back] == ["bad"]
+    assert [g.judged for g in gains.values()] == ["does not help", *["undecided"] * 3]
+
+
 def test_an_effect_that_only_turns_gains_unless_positions_lose():
     noise = np.random.default_rng(7).chisquare(3, 40)
     same = HeldGain.of(noise, noise, cross_validated=False)

@@ -186,6 +186,8 @@ def _finding(e: EffectFinding, data: ReportContent) -> str:
     sure = explain.odds(e, d) or f"not certain, but {gain}"
     if not explain.is_shown(e):
         sure += "; undecided"
+    wrong = explain.negative(e.parameters)
+    sure += f"; {wrong}" if wrong else ""
     alike = f" Confounded with {explain.grouped(e.confounded_with)}." if e.confounded_with else ""
     effect = data.library.effects.get(effect_of(e.name))
     about = f": {effect.title}.{alike} Inspect: {effect.inspect}" if effect else f".{alike}"

@@ -6,7 +6,7 @@ import math
 
 from kincal.pages.page import Cell, Grid
 from kincal.workbench.diagnosis import Diagnosis, EffectFinding, ParameterValue
-from kincal.workbench.prediction.gain import Gain, judged
+from kincal.workbench.prediction.gain import Gain
 from kincal.workbench.prediction.nested import EffectGain, NestedModel, NestedModels
 from kincal.workbench.report import explain
 
@@ -19,7 +19,8 @@ _GAINS = "<effect|<held out|without it [mm]|with it [mm]|ratio|95 % interval|<ju
 _SAME_NOTE = (
     "Without it: the final model refitted without this one effect. With it, for an alternative: the final "
     "model plus this effect. Judged by the interval: below 1, helps; above 1, harms; excluding a gain of 3 % "
-    "or more, does not help; otherwise undecided."
+    "or more, with nothing gained, does not help; otherwise undecided. What surely does not help is not in "
+    "the model, however strong the evidence of the fitted poses."
 )
 _MOODS: dict[Gain, str] = {"helps": "good", "harms": "bad", "does not help": "", "undecided": ""}
 _ROLES = {"accepted": "added", "helps": "added: predictions gain", "alternative": "alternative"}
@@ -35,7 +36,7 @@ def _effect(e: EffectFinding, d: Diagnosis) -> list[str | Cell]:
     sure = "" if e.role == "helps" else explain.probability(e.probability)
     return [
         e.label, _ROLES[e.role], sure, explain.against(e, d).removeprefix("against "), kind,
-        _milli(e.held.before_m), _milli(e.held.after_m), _interval(e.held.interval), _judged(e.held.interval),
+        _milli(e.held.before_m), _milli(e.held.after_m), _interval(e.held.interval), _judged(e.held.judged),
         explain.grouped(e.confounded_with),
     ]  # fmt: skip
 
@@ -50,8 +51,7 @@ def _sigmas(p: ParameterValue) -> str:
     return f"{p.value / p.std_err:+.1f}" if p.std_err > 0 else ""
 
 
-def _judged(interval: tuple[float, float]) -> Cell:
-    said = judged(interval)
+def _judged(said: Gain) -> Cell:
     return Cell(said, _MOODS[said])
 
 
@@ -93,5 +93,5 @@ def gains(nested: NestedModels) -> Grid:
 def _gain(g: EffectGain) -> list[str | Cell]:
     return [
         g.effect, g.block, _milli(g.before_m), _milli(g.after_m), f"{g.ratio:.3f}", _interval(g.interval),
-        _judged(g.interval),
+        _judged(g.judged),
     ]  # fmt: skip

@@ -37,6 +37,9 @@ class ParameterEntry(Strict):
     each_body: pydantic.StrictBool = False
     """true: one coefficient for each body k beyond joint j whose gravity levers are its own: NAME3 for the
     end of link 3, NAME_tool for the tool."""
+    if_negative: str = ""
+    """What a negative value means and what to check then, where nature has positive ones only; empty where
+    both signs can be."""
     image: Literal[FAULTS] | None = None  # type: ignore[valid-type]
     """What a unit of the coefficient does to the image of the target's points, in place of terms. Where poses
     come from a camera and a target of many points, an effect has its coefficients with `image` only; else

@@ -21,7 +21,7 @@ from kincal_shared.schema.model import FitEntry
 from kincal_shared.schema.terms import TermEntry
 
 _INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
-_SHOWN = ("name", "unit", "sigma", "image")  # of a parameter
+_SHOWN = ("name", "unit", "sigma", "if_negative", "image")  # of a parameter
 
 
 def effects_json(library: Library) -> list[dict[str, Any]]:
@@ -62,6 +62,11 @@ def _effect_lines(row: dict[str, Any]) -> list[str]:
         f"    {row['formula']}    ({sizes})",
         f"    looks like: {row['looks_like']}",
         f"    inspect: {row['inspect']}",
+        *(
+            f"    {p['name']} is positive in nature; if negative, {p['if_negative']}"
+            for p in row["parameters"]
+            if p["if_negative"]
+        ),
         *(f"    {what}: {', '.join(names)}" for what, names in lists if names),
     ]
 

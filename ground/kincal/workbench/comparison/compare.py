@@ -35,6 +35,7 @@ from ..evidence.adequacy import (
 from ..evidence.neighbours import Alike
 from ..fit.identifiability import Axis, Identifiability, identifiability, residual_axes
 from ..fit.least_squares import Fit, find_frames, fit_model, rms
+from ..fit.length_scale import LengthScale, length_scale
 from ..model.effects import Hypothesis
 from ..model.parameters import given_no_beta, is_beta
 from ..numerics.background import Begin, when_asked
@@ -142,6 +143,11 @@ class Comparison:
     def identifiability(self) -> Identifiability:
         """What all poses together determine of the model's coefficients."""
         return identifiability(self.fit_all)
+
+    @cached_property
+    def length_scale(self) -> LengthScale | None:
+        """The factor by which all lengths of the arm are wrong, None where they are not."""
+        return length_scale(self.fit_all)
 
     @cached_property
     def errors(self) -> dict[str, PosRot]:

@@ -60,6 +60,7 @@ _LIKELY = 0.8  # probabilities from here on count alike where effects are ordere
 _BEST_NAMED = 4  # listed where nothing named wins
 _STEEP = 1e9  # [1/rad, 1/m] tanh with this is the sign of any move that readings show
 _MOST_LN_ODDS = 50.0
+_SURELY = 3.0  # standard errors from which on a sign is sure
 _TESTED_FROM = 0.2  # probability by evidence from which on an alternative is tested on unseen poses
 
 Verdict = Literal["adequate", "effect", "several_effects", "novel", "undecidable"]
@@ -69,12 +70,18 @@ _ROLES: tuple[Role, ...] = ("accepted", "helps", "alternative")
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A fitted coefficient of an effect, in its own unit."""
+    """A fitted coefficient of an effect, in its own unit; if_negative: as of `Parameter`."""
 
     name: str
     value: float
     std_err: float
     unit: str
+    if_negative: str = ""
+
+    @property
+    def wrong_sign(self) -> bool:
+        """It is negative beyond its error, though nature has positive ones only."""
+        return bool(self.if_negative) and self.value < -_SURELY * self.std_err
 
 
 @dataclass(frozen=True)
@@ -119,7 +126,8 @@ class EffectFinding:
     parameters; held: what held-out poses gain; confounded_with: effects that these data (or no data at all)
     can tell from it; explained_share: of what the model without it leaves; doubts: what makes the probability
     smaller than that of the evidence; inferred_direction: it rests on an approach direction that nobody
-    recorded; constants: those that were searched, or assumed; inspect: what to look at on the arm."""
+    recorded; constants: those that were searched, or assumed; inspect: what to look at on the arm;
+    taken_back: it won by evidence, but poses that were not fitted do not confirm it."""
 
     name: str
     label: str
@@ -136,6 +144,7 @@ class EffectFinding:
     inferred_direction: bool = False
     constants: tuple[tuple[str, float], ...] = ()
     inspect: str = ""
+    taken_back: bool = False
 
     @property
     def accepted(self) -> bool:
@@ -478,7 +487,7 @@ class _Reporter:
         competing = confounded_effects(self.study, k.effect, k.posterior)
         found = self._finding(k.effect, k.role, k.posterior.presence(k.effect.name), k.posterior, competing)
         confounded = dict.fromkeys((*found.confounded_with, *k.ties))
-        values = _values(k.effect, self.study.fit(self.model))
+        values = fitted_values(k.effect, self.study.fit(self.model))
         return replace(found, confounded_with=tuple(confounded), parameters=values)
 
     def alternative(self, h: Hypothesis, posterior: Posterior) -> EffectFinding:
@@ -521,6 +530,7 @@ class _Reporter:
             inferred_direction=self._rests_on_inferred_direction(h),
             constants=h.constants,
             inspect=self.study.library.effects[h.effect].inspect,
+            taken_back=h.name in self.back,
         )
 
     def _doubts(self, h: Hypothesis, evidence: float, competing: Sequence[str]) -> Doubts:
@@ -542,12 +552,14 @@ class _Reporter:
         return data.direction_source == "inferred" and "dir" in self.study.library.effects[h.effect].needs
 
 
-def _values(h: Hypothesis, fit: Fit) -> tuple[ParameterValue, ...]:
-    def value(name: str, unit: str) -> ParameterValue:
-        k = fit.names.index(f"{h.name}.{name}")
-        return ParameterValue(name, float(fit.estimate[k]), float(fit.std_err[k]), unit)
+def fitted_values(h: Hypothesis, fit: Fit) -> tuple[ParameterValue, ...]:
+    """The coefficients of an effect of a fit."""
 
-    return tuple(value(p.name, p.unit) for p in h.parameters)
+    def value(p: Parameter) -> ParameterValue:
+        k = fit.names.index(f"{h.name}.{p.name}")
+        return ParameterValue(p.name, float(fit.estimate[k]), float(fit.std_err[k]), p.unit, p.if_negative)
+
+    return tuple(map(value, h.parameters))
 
 
 # --------------------------------------------------------------------------------------- confounding

@@ -38,9 +38,9 @@ def _worst(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
 
 
 def never_worse(study: Study, found: Selection, evaluation: Study) -> Selection:
-    """Without effects that harm, and, where the model does not explain the data to within a known noise,
-    without those that held-out poses gain nothing from or that make a block of poses much worse, nor whatever
-    makes the whole predict held-out poses worse than no effect at all.
+    """Without effects that harm or surely do not help, and, where the model does not explain the data to
+    within a known noise, without those that held-out poses gain nothing from or that make a block of poses
+    much worse, nor whatever makes the whole predict held-out poses worse than no effect at all.
 
     evaluation: the study of all poses, where `study` has a part of them."""
     kept, back = found.kept, found.taken_back
@@ -121,8 +121,9 @@ def _contradicted(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
     harmful = [(gain.interval[0], k) for gain, k in gains if gain.harms]
     if harmful:
         return max(harmful, key=lambda pair: pair[0])[1]
-    if study.explains(model):  # to within a known noise: the evidence stands on its own
-        return None
+    if study.explains(model):  # to within a known noise: the evidence stands, unless nothing is gained at all
+        refuted = [(gain.ratio, k) for gain, k in gains if gain.judged == "does not help"]
+        return max(refuted, key=lambda pair: pair[0])[1] if refuted else None
     if (useless := _useless(study, model, gains)) is not None:
         return useless
     # a rotation error that grows by chance does not speak against an effect that is sure to gain

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..evidence.adequacy import gross
 from ..numerics.types import Array, Groups
-from ..prediction.gain import held_ratio
+from ..prediction.gain import Gain, held_ratio, judged, nothing_gained, together
 
 FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
 _UNSEEN = 0.0005  # change of an error that three digits do not show
-_NOTHING = 0.002  # change of an error that says nothing
 
 
 @dataclass(frozen=True)
@@ -56,13 +54,17 @@ class HeldGain:
     @property
     def ratio(self) -> float:
         """Of RMS errors, with orientations of positions and rotations in equal shares."""
-        position = self.after_m / self.before_m
-        return position if self.rotation is None else math.hypot(position, self.rotation) / math.sqrt(2.0)
+        return together(self.after_m / self.before_m, self.rotation)
 
     @property
     def nothing(self) -> bool:
         """Held-out poses gain nothing: two thousandths at most, or positions lose as much."""
-        return self.ratio > 1.0 - _NOTHING or self.after_m > (1.0 + _NOTHING) * self.before_m
+        return nothing_gained(self.after_m / self.before_m, self.rotation)
+
+    @property
+    def judged(self) -> Gain:
+        """Whether held-out poses are predicted better, in words."""
+        return judged(self.interval, nothing=self.nothing)
 
     @property
     def worse(self) -> bool:

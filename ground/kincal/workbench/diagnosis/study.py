@@ -12,7 +12,7 @@ from ..comparison.compare import Comparison
 from ..data.measurements import Measurements
 from ..data.split import Split
 from ..evidence.adequacy import ADEQUATE_P, lack_of_fit, noise_floor
-from ..evidence.scoring import Scorer, robust_weights
+from ..evidence.scoring import Scorer, of_known_moves, robust_weights
 from ..fit.least_squares import Fit, fit_model, rms
 from ..fit.thinning import MANY, part_of
 from ..model.effects import Hypothesis, Library
@@ -143,7 +143,9 @@ class Study:
 
     def scorer(self, model: Model, drop: Hypothesis | None = None, granted: Array | None = None) -> Scorer:
         """Scores at the fit of this model; drop, granted: as of `Scorer`."""
-        return Scorer(self.fit(model), self.weight, self.stated, drop=drop, granted=granted)
+        of_moves = any(h.of_last_move for h in (*self.given, *model))
+        weight = of_known_moves(self.weight, self.base.data) if of_moves else self.weight
+        return Scorer(self.fit(model), weight, self.stated, drop=drop, granted=granted)
 
     def posterior(self, model: Model) -> Posterior:
         """What this model leaves to explain, and by what."""

@@ -31,7 +31,7 @@ from .products import ProductScores, score_products
 from .unnamed import Cell, cell_moments, cells
 
 _EQUAL_MOVES = 0.01  # share of a joint's last moves that their sign does not explain
-_UNKNOWN_MOVE = 1e-3  # weight of a pose whose last move nobody knows: backlash or settling may add to it
+_UNKNOWN_MOVE = 1e-3  # weight of a pose of unknown last move where an effect of that move may add to it
 _BULK = 0.35  # Student-t weight from which on a pose gets full weight: the evidence is Gaussian
 _NULL_DRAWS = 400
 _GRANTED_WIDTH = 30.0  # prior sigmas
@@ -93,6 +93,14 @@ def robust_weights(fit: Fit, candidates: Sequence[Candidate]) -> Array:
     weight = np.where(weight > _BULK, 1.0, weight)
     weight[_undecided_by_move(fit.data)] *= _UNKNOWN_MOVE
     return weight
+
+
+def of_known_moves(weight: Array, data: Measurements) -> Array:
+    """(N,) weights beside an effect of the last move: what it does at poses whose last move nobody knows is
+    not in the model, and nothing else is to explain it."""
+    if data.move is None:
+        return weight
+    return array(np.where(data.move.any(axis=1), weight, np.minimum(weight, _UNKNOWN_MOVE)))
 
 
 def _undecided_by_move(data: Measurements) -> Mask:

@@ -61,7 +61,8 @@ class Term:
 class Parameter:
     """A coefficient: its unit, its typical size (prior sigma, in that unit) and the terms it scales.
 
-    shrunk: the size was chosen by the data, and fits keep to it; else they leave it many times as wide.
+    shrunk: the size was chosen by the data, and fits keep to it; else they leave it many times as wide;
+    if_negative: what a negative value means, where nature has positive ones only, and what to check then.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Parameter:
     sigma: float
     terms: tuple[Term, ...]
     shrunk: bool = False
+    if_negative: str = ""
 
 
 @dataclass(frozen=True)
@@ -240,7 +242,14 @@ class Effect:
         self, arm: ArmTable, letters: Mapping[str, int], constants: Mapping[str, float]
     ) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(name, p.unit, p.sigma, tuple(self._terms(p, arm, with_body, constants)), self.shrunk)
+            Parameter(
+                name,
+                p.unit,
+                p.sigma,
+                tuple(self._terms(p, arm, with_body, constants)),
+                self.shrunk,
+                p.if_negative,
+            )
             for p in self.parameters
             if p.image is None
             for name, with_body in _bodies(p, arm, letters)

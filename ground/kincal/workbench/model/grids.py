@@ -15,6 +15,7 @@ Grid = Sequence[float] | Literal["times", "durations", "periods"]
 
 # Joints turn by 3 to 6 rad, so that half a period per turn more or less still looks alike.
 PERIODS = array(np.arange(3.0, 30.25, 0.5))
+_EACH_SIDE = 3  # poses before a step, and after it
 _STEPS = 16  # times of a step that are tried first
 _BREAK = 5.0  # usual intervals between poses: a longer one is a break of the session
 _MOST_BREAKS = 6
@@ -58,7 +59,7 @@ def grid_weight(grid: Grid, value: float, data: Measurements | None) -> float:
 
 
 def _times(t_s: Array) -> list[float]:
-    """A step is placed midway between two measurements, a few poses away from either end; in each of the
+    """A step is placed midway between two measurements, three poses away from either end; in each of the
     longest breaks too: there arms are switched off and things are moved."""
     inner = _inner(t_s)
     tried = inner[np.unique(np.linspace(0, len(inner) - 1, _STEPS).round().astype(int))]
@@ -66,12 +67,16 @@ def _times(t_s: Array) -> list[float]:
 
 
 def _inner(t_s: Array) -> Array:
+    """Times between measurements with enough poses on each side, so that no pose alone supports a step; all
+    of them where there are too few poses."""
     middles = _between(t_s)
-    return array(middles[2:-2]) if len(middles) > 8 else middles
+    before = np.searchsorted(np.sort(t_s), middles)
+    enough = np.minimum(before, len(t_s) - before) >= _EACH_SIDE
+    return array(middles[enough]) if enough.any() else middles
 
 
 def _breaks(t_s: Array) -> Array:
-    """Middles of the longest breaks that are a few poses away from either end."""
+    """Middles of the longest breaks that are three poses away from either end."""
     gaps = np.diff(np.unique(t_s))
     if not len(gaps):
         return gaps
@@ -95,7 +100,7 @@ def finer(grid: Grid, best: float, data: Measurements) -> list[float]:
         return _floats(best * 2.0 ** np.linspace(-1.0, 1.0, _FINER))
     if grid != "times" or data.t_s is None:
         return []
-    middles = _between(data.t_s)
+    middles = _inner(data.t_s)
     place = int(np.abs(middles - best).argmin())
     reach = max(1, round(len(middles) / _STEPS))
     return _floats(middles[max(place - reach, 0) : place + reach + 1])

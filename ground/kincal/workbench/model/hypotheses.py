@@ -12,7 +12,7 @@ from kincal_shared.schema.names import effect_of as effect_of
 from kincal_shared.schema.names import place_of as place_of
 
 from ..data.measurements import Measurements
-from .effects import Effect, Hypothesis, Library, Parameter
+from .effects import Effect, Hypothesis, Library
 from .grids import grid_weight
 from .sight import Constants, sight_constants
 
@@ -198,9 +198,7 @@ def merged(effect: Effect, hypotheses: Sequence[Hypothesis], name: str = "") -> 
     """One hypothesis with the parameters of all joints: "joint_compliance" from its instances; name: that of
     some of the joints, "joint_compliance[2,3]"."""
     parameters = tuple(
-        Parameter(f"{p.name}{h.name[len(effect.name) :]}", p.unit, p.sigma, p.terms)
-        for h in hypotheses
-        for p in h.parameters
+        replace(p, name=f"{p.name}{h.name[len(effect.name) :]}") for h in hypotheses for p in h.parameters
     )
     return Hypothesis(effect.name, name or effect.name, parameters, hypotheses[0].constants)
 

@@ -12,13 +12,15 @@ from ..numerics.types import Array, Groups, Indices, array
 Gain = Literal["helps", "harms", "does not help", "undecided"]
 
 _LEAST_GAIN = 0.97  # an effect that gains less than 3 % brings nothing
+_NOTHING = 0.002  # change of an error that says nothing
 _MUCH_WORSE = 1.1
 _BOOTSTRAP = 1000
 
 
-def judged(interval: tuple[float, float]) -> Gain:
+def judged(interval: tuple[float, float], *, nothing: bool = True) -> Gain:
     """helps: the interval of the ratio lies below 1; harms: above 1; does not help: it excludes a gain of
-    3 % and more; undecided: these poses leave both open (also where no poses are held out: NaN)."""
+    3 % and more, and nothing is gained at all (as of `nothing_gained`); undecided: these poses leave both
+    open (also where no poses are held out: NaN)."""
     low, high = interval
     if not (math.isfinite(low) and math.isfinite(high)):
         return "undecided"
@@ -26,7 +28,17 @@ def judged(interval: tuple[float, float]) -> Gain:
         return "helps"
     if low > 1.0:
         return "harms"
-    return "does not help" if low >= _LEAST_GAIN else "undecided"
+    return "does not help" if low >= _LEAST_GAIN and nothing else "undecided"
+
+
+def together(position: float, rotation: float | None) -> float:
+    """Ratio of errors, of positions and rotations in equal shares where there are rotations."""
+    return position if rotation is None else math.hypot(position, rotation) / math.sqrt(2.0)
+
+
+def nothing_gained(position: float, rotation: float | None) -> bool:
+    """By the ratios of errors: two thousandths at most, or positions lose as much."""
+    return together(position, rotation) > 1.0 - _NOTHING or position > 1.0 + _NOTHING
 
 
 def much_worse(interval: tuple[float, float]) -> bool:

@@ -17,7 +17,7 @@ from ..fit.least_squares import Frames, find_frames, fit_model, rms
 from ..model.effects import Hypothesis
 from ..model.hypotheses import covers
 from ..numerics.types import Array, Indices, Mask, Progress, no_progress
-from .gain import Gain, held_ratio, judged, much_worse, rms_interval
+from .gain import Gain, held_ratio, judged, much_worse, nothing_gained, rms_interval
 
 HELD_OUT, FITTED = "held-out poses", "fitted poses"
 """The block of the split in use; all poses, where none are held out."""
@@ -79,7 +79,8 @@ class EffectGain:
     @property
     def judged(self) -> Gain:
         """Whether it helps, by the interval."""
-        return judged(self.interval)
+        rotation = None if self.rotation is None else self.rotation[0]
+        return judged(self.interval, nothing=nothing_gained(self.ratio, rotation))
 
     @property
     def advised_against(self) -> bool:

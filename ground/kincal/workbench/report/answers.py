@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from ..comparison.compare import Comparison
@@ -94,6 +95,7 @@ def comparison_json(c: Comparison) -> Json:
         ],
         "reachable": _reachable(c),
         "identifiability": identifiability_json(c.identifiability),
+        "length_scale": c.length_scale and asdict(c.length_scale),
         "axes": {name: axes_json(axes) for name, axes in c.residual_axes.items()},
         "chi2_per_dof": c.chi2_per_dof,
         "p_lack_of_fit": c.p_lack_of_fit,
@@ -163,6 +165,7 @@ def _effect_json(e: EffectFinding) -> Json:
         ],
         "confounded_with": list(e.confounded_with),
         "inspect": e.inspect,
+        "negative": explain.negative(e.parameters),
         "why": explain.why(e),
         "accepted": e.accepted,
         "helps": e.helps,
@@ -242,6 +245,7 @@ def fit_json(f: FitResult) -> Json:
         "effects": list(f.effects),
         "rank": f.rank,
         "noise_scale": f.noise_scale,
+        "negative": explain.all_negative(f.fit),
         "parameters": [
             {"name": n, "value": float(v), "std_err": float(s), "unit": u}
             for n, v, s, u in zip(f.names, f.estimate, f.std_err, f.units, strict=True)
@@ -270,6 +274,7 @@ def comparison_text(c: Comparison, *, adequate: bool = True) -> str:
         f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), "
         f"{c.components} components",
         *([f"skipped: {c.skipped} malformed rows"] if c.skipped else []),
+        *([f"lengths            {explain.length_scale(c.length_scale)}"] if c.length_scale else []),
         *_error_lines(c),
         f"reachable          {_reachable_text(c)}",
         f"noise floor        {_floor_text(c.noise_floor)}",
@@ -386,6 +391,8 @@ def fit_text(f: FitResult) -> str:
         [
             f"{f.arm}: {f.comparison.poses} poses, {len(f.names)} coefficients, rank {f.rank}",
             f"effects: {', '.join(f.texts) or 'none (DH only)'}",
+            *([f"lengths: {explain.length_scale(scale)}"] if (scale := f.comparison.length_scale) else []),
+            *explain.all_negative(f.fit),
             "",
             f"{'model':<{width}}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval{without}",
             *(f"{m.model:<{width}}{_errors(m, bool(without))}" for m in f.nested.models),

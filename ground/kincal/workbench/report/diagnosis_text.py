@@ -68,11 +68,13 @@ def _found(d: Diagnosis) -> Iterator[str]:
 
 def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
     odds = explain.odds(e, d)
-    if e.accepted and e.probability < explain.LIKELY:
+    if e.taken_back or (e.accepted and e.probability < explain.LIKELY):
         odds += explain.doubts(e)
     return [
         f"{_mark(e)} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),
+        *([f"      {explain.NOT_CONFIRMED}"] if e.taken_back else []),
         *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
+        *[f"      {wrong}" for wrong in [explain.negative(e.parameters)] if wrong],
         *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),
     ]
 

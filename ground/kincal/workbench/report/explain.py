@@ -8,17 +8,19 @@ from collections.abc import Sequence
 from ..comparison.compare import Comparison
 from ..data.direction import in_random_order
 from ..data.measurements import Measurements
-from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
+from ..diagnosis import Diagnosis, EffectFinding, HeldGain, ParameterValue, UnnamedFinding
+from ..diagnosis.findings import fitted_values
 from ..diagnosis.suggestions import Suggestion
 from ..evidence.adequacy import REPLICATES, STATED, STRUCTURE_P, UNKNOWN, NoiseFloor, Outliers, TurnedFrame
 from ..evidence.neighbours import Alike
 from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
+from ..fit.length_scale import LengthScale
 from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
 from ..model.unnamed_names import HEADINGS, SENSOR_AXES, UnnamedName
 from ..numerics.distributions import chi2_tail
-from ..prediction.gain import judged, much_worse
+from ..prediction.gain import much_worse
 from ..prediction.nested import EffectGain, NestedModels
 from ..prediction.nextposes import NextPose, poses_to_decide
 from ..prediction.reachable import Reachable
@@ -134,11 +136,34 @@ def why(e: EffectFinding) -> str:
         text += f", probability {e.probability:.2f}{doubts(e)}"
     if e.harms:
         text += "; it harms: not in the model"
+    elif e.taken_back:
+        text += f"; {NOT_CONFIRMED}"
     if e.doubts.worse:
         text += f"; it makes {listed([*map(in_block, e.doubts.worse)])} much worse: not in the model"
     if e.inferred_direction:
         text += "; approach direction inferred from the order of measurement"
+    if against_nature := negative(e.parameters):
+        text += f"; {against_nature}"
     return text
+
+
+def negative(values: Sequence[ParameterValue], effect: str = "") -> str:
+    """Values that are negative though nature has positive ones only, and what to check; empty if there are
+    none. effect: its name, if it is to be said."""
+    meant: dict[str, list[str]] = {}
+    for p in values:
+        if p.wrong_sign:
+            meant.setdefault(p.if_negative, []).append(p.name)
+    of = f" of {effect}" if effect else ""
+    return "; ".join(
+        f"{listed(names)}{of} {'is' if len(names) == 1 else 'are'} negative: {text}"
+        for text, names in meant.items()
+    )
+
+
+def all_negative(fit: Fit) -> list[str]:
+    """The same of all effects of a fit."""
+    return [said for h in fit.hypotheses if (said := negative(fitted_values(h, fit), h.name))]
 
 
 def is_confounded(e: EffectFinding) -> bool:
@@ -174,7 +199,7 @@ def held_gain(gain: HeldGain) -> str:
     return (
         f"{kind} error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm, ratio "
         f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}){turned}: "
-        f"{judged(gain.interval)}"
+        f"{gain.judged}"
     )
 
 
@@ -193,6 +218,10 @@ def probability(p: float) -> str:
     if p < 0.01:
         return "P < 0.01"
     return "P > 0.99" if p > 0.99 else f"P = {p:.2f}"
+
+
+NOT_CONFIRMED = "the evidence is that of fitted poses, and others do not confirm it: not in the model"
+"""Of an effect that won, and was taken back."""
 
 
 def odds(e: EffectFinding, d: Diagnosis) -> str:
@@ -447,6 +476,14 @@ def notes(c: Comparison) -> list[str]:
     return [*c.consistency.doubts, *turned, *still, *([assumed] if assumed else [])]
 
 
+def length_scale(s: LengthScale) -> str:
+    """That all lengths are wrong by one factor, and what to measure."""
+    return (
+        f"all lengths of the arm differ from its table by {100 * s.share:+.2f} % +- {100 * s.std_err:.2f} %: "
+        "a wrong size of the tag or scale of the sensor looks the same; measure the tag"
+    )
+
+
 def turned_frame(t: TurnedFrame) -> str:
     """What is wrong with the frames of orientations and positions, and what to do."""
     x, y, z = (f"{1e3 * v:.2f}" for v in t.rotation_rad)
@@ -476,11 +513,14 @@ def not_testable(n: Untestable) -> str:
 
 
 def verdict(d: Diagnosis) -> str:
-    """The diagnosis in one sentence, and one more where the noise is correlated in time."""
-    found = _verdict(d)
-    if d.serial is None:
-        return found
-    return f"{found} {correlated(d.serial, random_order=in_random_order(d.comparison.data))}"
+    """The diagnosis in one sentence, and more where all lengths are wrong by one factor, values have a sign
+    that nature does not have, or the noise is correlated in time."""
+    scale = d.comparison.length_scale
+    said = [_verdict(d), *([f"A{length_scale(scale)[1:]}."] if scale else [])]
+    said += [f"{text}." for e in d.effects if e.in_model and (text := negative(e.parameters, e.name))]
+    if d.serial is not None:
+        said.append(correlated(d.serial, random_order=in_random_order(d.comparison.data)))
+    return " ".join(said)
 
 
 def correlated(s: Serial, *, random_order: bool) -> str:
@@ -516,6 +556,11 @@ def _verdict(d: Diagnosis) -> str:
             f"More than noise of equal size is left, most of it in {_error_at(d.novel.location)}, but no "
             "effect is shown to predict it: the noise is larger there, or these poses do not determine the "
             "effect."
+        )
+    if d.verdict == "undecidable" and not taken and (names := _unconfirmed(d)):
+        return (
+            f"The model explains these data{but_for(d.outliers)}: there is evidence for {listed(names)}, but "
+            "poses that were not fitted do not confirm it."
         )
     if d.verdict == "undecidable" and (one := _one_of(d)):
         return f"{one}: {with_them}."
@@ -562,6 +607,11 @@ def _one_of(d: Diagnosis) -> str:
     return ""
 
 
+def _unconfirmed(d: Diagnosis) -> list[str]:
+    """Effects that were taken back where the model explains the data without them."""
+    return [e.name for e in d.effects if e.taken_back] if d.adequate_after else []
+
+
 def _with_others(e: EffectFinding, d: Diagnosis) -> str:
     """An effect by name, with those that it may be as well."""
     others = _likely_confounded(e, d) if is_confounded(e) else []
@@ -594,7 +644,7 @@ def _as_function(u: UnnamedFinding) -> str:
     """What held-out poses say of a smooth function there, unless they gain."""
     if not u.curves or not math.isfinite(u.held.after_m) or u.held.gains:
         return ""
-    return f" (modelled as a smooth function: {judged(u.held.interval)})"
+    return f" (modelled as a smooth function: {u.held.judged})"
 
 
 def _held_fall(d: Diagnosis) -> str:
