@@ -71,11 +71,11 @@ def test_torques_that_errors_alone_make_are_no_drivers(tmp_path):
     assert varying == [{2, 3, 4, 5, 6, 7}, {2, 3, 4, 5, 6}]
 
 
-def on_a_turning_base(turned, n=100):
+def on_a_turning_base(turned, n=100, every_s=60.0):
     """Measurements of a WAM whose mount, at the origin, turns by turned(q, t_s), a rotation vector."""
     rng = np.random.default_rng(8)
     low, high = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
-    q, dh, t_s = rng.uniform(low, high, (n, 7)), 2e-3 * rng.normal(size=(7, 4)), 60.0 * np.arange(n)
+    q, dh, t_s = rng.uniform(low, high, (n, 7)), 2e-3 * rng.normal(size=(7, 4)), every_s * np.arange(n)
     pose = np.array([poses.tool_pose(row, dh) for row in q])
     turn = Rotation.from_rotvec([turned(row, at) for row, at in zip(q, t_s, strict=True)]).as_matrix()
     noise = Rotation.from_rotvec(2e-4 * rng.normal(size=(n, 3))).as_matrix()
@@ -103,14 +103,17 @@ def test_a_mount_that_is_softer_in_one_direction_is_found(tmp_path, library):
     np.testing.assert_allclose(got, wanted[:2, :2], atol=2e-6)
 
 
-def test_a_base_that_turns_steadily_is_one_effect(tmp_path, library):
-    """It was `base_settling` and `time_drift`, each larger than the whole, with opposite signs."""
-    data = on_a_turning_base(lambda _q, t_s: np.array([1e-3, -5e-4, 5e-4]) * t_s / 3600, 70)
+@pytest.mark.parametrize("every_s", [0.2, 60.0])
+def test_a_base_that_turns_steadily_is_one_effect(tmp_path, library, every_s):
+    """It was `base_settling` and `time_drift`, each larger than the whole, with opposite signs; a rate per
+    hour was too small by far in a session of seconds."""
+    turns = np.array([1e-3, -5e-4, 5e-4])
+    data = on_a_turning_base(lambda _q, t_s: turns * t_s / (69 * every_s), 70, every_s)
     d = wb.diagnose(wb.read_arm(poses.arm_toml(tmp_path / "arm.toml")), data, library)
     [found] = [e for e in d.effects if e.in_model]
     assert found.name == "base_drift" and found.probability > 0.9
-    rate = next(p for p in found.parameters if p.name == "rx")
-    assert abs(rate.value - 1e-3) < 1e-4 and rate.unit == "rad/h"
+    turned = next(p for p in found.parameters if p.name == "rx")
+    assert abs(turned.value - 1e-3) < 1e-4 and turned.unit == "rad"
 
 
 # --------------------------------------------------------------------------- against gravity

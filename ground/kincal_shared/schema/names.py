@@ -165,7 +165,7 @@ PLACES: dict[str, tuple[int | str, str]] = {
 JOINT_PLACES = ("joint", "before", "link")
 
 # Constants that a basis may use by name; an effect may add some of its own with [effect.grid].
-DATA_CONSTANTS = ("T0", "tstart")
+DATA_CONSTANTS = ("T0", "tstart", "tspan")
 GEAR_RATIO = "N"
 JOINT_LETTERS = ("i", "j", "p", "k")
 # The body of a gravity lever: a link's number, or the tool. Its index on board is 16 x link + body

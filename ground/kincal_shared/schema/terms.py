@@ -11,7 +11,8 @@ A term adds `coefficient x gain x basis` to one component of the twist at one pl
 Joints count from 1; j, i and p (the joint before j) stand for them in entries that are made for many joints;
 a gravity lever levz[p,k] has a link and a body beyond it: k in entries made for many bodies, or a number, or
 tool.
-$name is a constant that is given when the term is made (a searched one, $T0, $tstart); N is the gear ratio.
+$name is a constant that is given when the term is made (a searched one, $T0, $tstart, $tspan); N is the gear
+ratio.
 """
 
 from __future__ import annotations

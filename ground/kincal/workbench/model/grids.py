@@ -21,15 +21,18 @@ _BREAK = 5.0  # usual intervals between poses: a longer one is a break of the se
 _MOST_BREAKS = 6
 _FINER = 9  # values of a closer search
 _REFERENCE_C = 20.0
+_SESSION_S = 3600.0  # where there are no times
 
 
 def data_constants(data: Measurements | None) -> dict[str, float]:
-    """Reference temperature [deg C] and begin of time [s], which bases may use as $T0 and $tstart."""
+    """Reference temperature [deg C], begin and length of the session [s], which bases may use as $T0, $tstart
+    and $tspan."""
     if data is None:
-        return {"T0": _REFERENCE_C, "tstart": 0.0}
+        return {"T0": _REFERENCE_C, "tstart": 0.0, "tspan": _SESSION_S}
     return {
         "T0": float(np.mean(data.temp_c)) if data.temp_c is not None else _REFERENCE_C,
         "tstart": float(np.min(data.t_s)) if data.t_s is not None else 0.0,
+        "tspan": float(np.ptp(data.t_s)) or _SESSION_S if data.t_s is not None else _SESSION_S,
     }
 
 

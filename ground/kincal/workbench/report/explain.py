@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 from ..comparison.compare import Comparison
@@ -17,7 +18,7 @@ from ..evidence.serial import Serial
 from ..fit.least_squares import Fit
 from ..fit.length_scale import LengthScale
 from ..model import sight
-from ..model.hypotheses import Untestable, effect_of, place_of
+from ..model.hypotheses import Untestable, effect_of, joints_of, place_of
 from ..model.unnamed_names import HEADINGS, SENSOR_AXES, UnnamedName
 from ..numerics.distributions import chi2_tail
 from ..prediction.gain import much_worse
@@ -516,11 +517,28 @@ def verdict(d: Diagnosis) -> str:
     """The diagnosis in one sentence, and more where all lengths are wrong by one factor, values have a sign
     that nature does not have, or the noise is correlated in time."""
     scale = d.comparison.length_scale
-    said = [_verdict(d), *([f"A{length_scale(scale)[1:]}."] if scale else [])]
+    found = any(e.in_model and e.hypothesis.effect in _SCALES for e in d.effects)  # says the same
+    said = [_verdict(d), *([f"A{length_scale(scale)[1:]}."] if scale and not found else [])]
+    said += [f"{text}." for text in _waves(d)]
     said += [f"{text}." for e in d.effects if e.in_model and (text := negative(e.parameters, e.name))]
     if d.serial is not None:
         said.append(correlated(d.serial, random_order=in_random_order(d.comparison.data)))
     return " ".join(said)
+
+
+_SCALES = ("sensor_scale", "tag_scale")
+_WAVES = ("encoder_eccentricity", "encoder_harmonic2", "joint_ripple", "second_ripple", "third_ripple")
+
+
+def _waves(d: Diagnosis) -> list[str]:
+    """Joints whose error several waves of their own angle describe: one function may be its cause."""
+    waves = [e for e in d.effects if e.in_model and e.hypothesis.effect in _WAVES]
+    at = Counter(j for e in waves for j in joints_of(e.name))
+    several = [j for j, count in sorted(at.items()) if count > 1]
+    if not several:
+        return []
+    joints = f"joint{'s' if len(several) > 1 else ''} {listed([str(j) for j in several])}"
+    return [f"Several waves of {joints} may be one smooth function of the joint's angle"]
 
 
 def correlated(s: Serial, *, random_order: bool) -> str:
