@@ -60,7 +60,7 @@ _LIKELY = 0.8  # probabilities from here on count alike where effects are ordere
 _BEST_NAMED = 4  # listed where nothing named wins
 _STEEP = 1e9  # [1/rad, 1/m] tanh with this is the sign of any move that readings show
 _MOST_LN_ODDS = 50.0
-_SURELY = 3.0  # standard errors from which on a sign is sure
+_SURELY = 5.0  # standard errors from which on a sign is sure
 _TESTED_FROM = 0.2  # probability by evidence from which on an alternative is tested on unseen poses
 
 Verdict = Literal["adequate", "effect", "several_effects", "novel", "undecidable"]
