@@ -41,9 +41,8 @@ _ROUGH_COST = 1e-3  # the same for a fit that only tells the noise
 _STRAIGHT, _PROBE = 1e-2, 0.1  # prior sigmas of a step too short to bend; share of a step that is probed
 _LEAST_SCALE2 = 1e-6
 _LEAST_LEFT = 1e-9  # share of a row that a fit leaves
-_NEARLY_ORTHOGONAL = (
-    5 / 64
-)  # norm of Q'Q - I up to which a second pass makes Q orthogonal (Yamamoto, theorem 3.1)
+# Norm of Q'Q - I up to which a second pass makes Q orthogonal (Yamamoto, theorem 3.1).
+_NEARLY_ORTHOGONAL = 5 / 64
 # Free effect parameters carry this many prior sigmas when their value is reported.
 EFFECT_WIDTH = 10.0
 # Stand-in noise where nothing was stated; the fitted scale replaces it, for poses the residuals' covariance.
