@@ -354,8 +354,8 @@ alarm: setup core ## from the monitor's alarm to a calibrated arm: visits, and w
 montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unverified commands, how they end (RUNS, OUTSIDE, SEED)
 	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE)) $(if $(SEED),--seed $(SEED))
 
-campaign-faults: setup core ## every kind of fault between flight and its surroundings (SEEDS, FIRST; WRITE=1 for docs/ASSURANCE.md)
-	.venv/bin/python tests/bench/faults.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST)) $(if $(WRITE),--write)
+campaign-faults: setup core ## every kind of fault between flight and its surroundings (SEEDS, FIRST; PAIRS=1: two at once; WRITE=1 for docs/ASSURANCE.md)
+	.venv/bin/python tests/bench/faults.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST)) $(if $(PAIRS),--pairs --out $(BUILD)/campaigns/fault-pairs) $(if $(WRITE),--write)
 
 camera-chain: setup core ## errors of camera, pan-tilt unit and tags: are the stated errors true? (SEEDS, FIRST)
 	.venv/bin/python tests/bench/camera_chain.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST))

@@ -35,6 +35,28 @@ class Fault:
     seen: Callable[[int], Callable[[np.ndarray], np.ndarray]] = lambda _tick: lambda T: T
 
 
+def both(first: Fault, second: Fault) -> Fault:
+    """Both in one run, the first one nearer to the surroundings."""
+    a, b = first.hooks, second.hooks
+
+    def keep(tick: int, kind: int, data: bytes) -> bytes | None:
+        kept = b.keep(tick, kind, data)
+        return None if kept is None else a.keep(tick, kind, kept)
+
+    hooks = Hooks(
+        to_flight=lambda tick, messages: b.to_flight(tick, a.to_flight(tick, messages)),
+        from_flight=lambda tick, messages: a.from_flight(tick, b.from_flight(tick, messages)),
+        clock=lambda tick, now_us: b.clock(tick, a.clock(tick, now_us)),
+        keep=keep,
+        power_loss=lambda tick: a.power_loss(tick) or b.power_loss(tick),
+    )
+    return Fault(
+        hooks,
+        slip_rad=lambda tick: first.slip_rad(tick) + second.slip_rad(tick),
+        seen=lambda tick: lambda T: second.seen(tick)(first.seen(tick)(T)),
+    )
+
+
 Make = Callable[[int, np.random.Generator], Fault]
 
 

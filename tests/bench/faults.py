@@ -1,11 +1,13 @@
 """Faults between flight and its surroundings: does anything wrong become active, does anything hang?
 
-    python tests/bench/faults.py [--seeds 2] [--first 1] [--jobs 2] [--only NAME ...] [--out FOLDER] [--write]
+    python tests/bench/faults.py [--seeds 2] [--first 1] [--jobs 2] [--only NAME ...] [--pairs]
+                                 [--out FOLDER] [--write]
 
 Each kind of fault_kinds.py is flown in each scenario of missions.py with each seed by
 kincal.run.inprocess.simulate: a whole calibration with POSES poses besides the local initial ones, the
 simulator's executive accepting within its limits. Seed and scenario draw the onset, between 6 and 60 s of
 mission time, and the fault's own numbers. Runs are cases of a campaign in FOLDER; a second start goes on.
+--pairs: a second fault of another kind, drawn by kind, scenario and seed too, with an onset of its own.
 
 Judged, by MuJoCo and from messages and stored images, not by flight's own verdicts
 - wrong: a correction was active whose tool position, RMS over postures that were not measured and in the
@@ -36,7 +38,7 @@ from pathlib import Path
 
 import cases
 import missions
-from fault_kinds import KEY, KIN, KINDS, Fault, Kind
+from fault_kinds import KEY, KIN, KINDS, Fault, Kind, both
 
 from kincal.flight import library
 from kincal.flight import tables as codec
@@ -124,10 +126,11 @@ class Witness:
 
 @dataclass(frozen=True)
 class Verdict:
-    """One run. ended: how, in words; went_on: as without the fault; wrong, lost, hang, silent: what must
-    not be, "" if it is not."""
+    """One run. second: the kind of the second fault, "" without; ended: how, in words; went_on: as without
+    the fault; wrong, lost, hang, silent: what must not be, "" if it is not."""
 
     onset_s: float
+    second: str
     ended: str
     went_on: bool
     events: tuple[str, ...]
@@ -183,30 +186,35 @@ def undisturbed(name: str, seed: int) -> tuple[dict, Witness]:
     return record, witness
 
 
-def one(name: str, scenario: str, seed: int) -> Verdict:
-    """Fly one kind in one scenario with one seed, and judge it."""
-    kind = next(k for k in KINDS if k.name == name)
+def one(name: str, scenario: str, seed: int, pairs: bool = False) -> Verdict:
+    """Fly one kind in one scenario with one seed, and judge it. pairs: together with a second one."""
     rng = generator(seed, f"fault {name} {scenario}")
     onset = int(rng.integers(*ONSET_TICKS))
-    fault = kind.make(onset, rng)
+    kinds = [next(k for k in KINDS if k.name == name)]
+    fault = kinds[0].make(onset, rng)
+    if pairs:
+        others = [k for k in KINDS if k.name != name]
+        kinds.append(others[rng.integers(len(others))])
+        fault = both(fault, kinds[1].make(int(rng.integers(*ONSET_TICKS)), rng))
     run, record, witness = fly(scenario, seed, fault.hooks)
     ended = f"{record.get('reason', 'the executive did not end')}"
     return Verdict(
         onset / 10,
+        kinds[1].name if pairs else "",
         ended,
         ended == undisturbed(scenario, seed)[0]["reason"],
         tuple(sorted(witness.warned)),
         wrong_correction(run, fault, witness),
         lost_table(witness, initial_crcs(scenario)) or lost_approval(run, witness),
         hang(run, record, witness),
-        silent(kind, (scenario, seed), record, witness),
+        silent(kinds, (scenario, seed), record, witness),
         round(run.mission_s, 1),
     )
 
 
 def case(seed: int, values: dict) -> dict:
-    """The same as columns; kind and scenario are among the values."""
-    return cases.columns(asdict(one(values["kind"], values["scenario"], seed)))
+    """The same as columns; kind, scenario and pairs are among the values."""
+    return cases.columns(asdict(one(values["kind"], values["scenario"], seed, values["pairs"])))
 
 
 # ---- judging
@@ -265,17 +273,17 @@ def hang(run: SimulatedRun, record: dict, witness: Witness) -> str:
     return ""
 
 
-def silent(kind: Kind, mission: tuple[str, int], record: dict, witness: Witness) -> str:
-    """Whoever looks at the events (or, where its link is broken, at the executive) finds out. mission:
-    scenario and seed."""
+def silent(kinds: list[Kind], mission: tuple[str, int], record: dict, witness: Witness) -> str:
+    """Whoever looks at the events (or, where its link is broken, at the executive) finds out. kinds: of the
+    faults; mission: scenario and seed."""
     calm, calm_witness = undisturbed(*mission)
     same = (record.get("success"), record.get("verdict")) == (calm["success"], calm["verdict"])
     said = witness.warned - calm_witness.warned
     reason = record.get("reason", "")
     decided = record.get("success") or reason.startswith(DECLINED)
-    if same or decided or (kind.by == "executive" and reason):
+    if same or decided or (reason and any(kind.by == "executive" for kind in kinds)):
         return ""
-    explained = [name for name in kind.events if name in said and next_step(name)]
+    explained = [name for kind in kinds for name in kind.events if name in said and next_step(name)]
     return "" if explained else f"{record.get('reason')}; events: {', '.join(said) or 'none'}"
 
 
@@ -326,8 +334,12 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     """The command line."""
     p = cases.options("faults", __doc__, seeds=2)
     p.add_argument("--only", nargs="*", choices=[k.name for k in KINDS], metavar="NAME")
+    p.add_argument("--pairs", action="store_true", help="two faults in each run")
     p.add_argument("--write", action="store_true", help="put the table into docs/ASSURANCE.md")
-    return p.parse_args(argv)
+    o = p.parse_args(argv)
+    if o.pairs and o.write:
+        p.error("--write: the table of docs/ASSURANCE.md has one fault in each run; leave --pairs out")
+    return o
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -335,12 +347,13 @@ def main(argv: list[str] | None = None) -> int:
     o = options(argv)
     axes = {"scenario": missions.SCENARIOS, "kind": [k.name for k in KINDS]}
     wanted = lambda _seed, values: values["kind"] in (o.only or axes["kind"])  # noqa: E731
-    lines = cases.fly(o, "faults:case", axes, wanted, {"poses": POSES}, BAD)
+    lines = cases.fly(o, "faults:case", axes, wanted, {"poses": POSES, "pairs": o.pairs}, BAD)
     print(table(lines))
     bad = [v for v in lines if any(v[what] for what in BAD)]
     for v in bad:
         said = ", ".join(f"{what}: {v[what]}" for what in BAD if v[what])
-        print(f"{v['kind']}, {v['scenario']}, seed {v['seed']}, from {v['onset_s']:g} s: {said}")
+        kinds = " and ".join(filter(None, (v["kind"], v["second"])))
+        print(f"{kinds}, {v['scenario']}, seed {v['seed']}, from {v['onset_s']:g} s: {said}")
     if o.write:
         write(lines, o.seeds)
     print(f"{len(lines)} runs, {len(bad)} with something that must not be")

@@ -7,7 +7,7 @@ import faults
 import missions
 import numpy as np
 import pytest
-from fault_kinds import KIN, KINDS, Fault
+from fault_kinds import KIN, KINDS, Fault, both
 
 from kincal.run.inprocess import Hooks
 from kincal.run.store import Store
@@ -52,6 +52,35 @@ def test_a_wrong_correction_that_is_active_is_found(calm):
     moved[0, 3] = 0.01
     knocked = Fault(Hooks(), seen=lambda _tick: lambda T: moved @ T)
     assert "mm off" in faults.wrong_correction(run, knocked, witness)
+
+
+def test_two_faults_act_one_after_the_other():
+    def renamed(a: str, b: str):
+        return lambda _tick, messages: tuple((ch.replace(a, b), m) for ch, m in messages)
+
+    def moved(x_m: float, turned: float):
+        T = np.array([[turned, 0.0, 0.0, x_m], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, turned, 0.0], [0, 0, 0, 1]])
+        return lambda _tick: lambda pose: T @ pose
+
+    first = Fault(
+        Hooks(renamed("a", "b"), renamed("d", "c"), lambda _tick, now: now + 1, lambda *_: None),
+        lambda tick: np.full(7, 1.0 * tick),
+        moved(1.0, 1.0),
+    )
+    second = Fault(
+        Hooks(renamed("b", "c"), renamed("e", "d"), lambda _tick, now: 2 * now, power_loss=lambda k: k == 3),
+        lambda _tick: np.full(7, 0.5),
+        moved(0.0, -1.0),
+    )
+    fault = both(first, second)
+    assert fault.hooks.to_flight(1, (("a", 0),)) == (("c", 0),)
+    assert fault.hooks.from_flight(1, (("e", 0),)) == (("c", 0),)
+    assert fault.hooks.clock(1, 10) == 22
+    assert fault.hooks.keep(1, KIN, b"x") is None
+    assert both(second, second).hooks.keep(1, KIN, b"x") == b"x"
+    assert [fault.hooks.power_loss(k) for k in (2, 3)] == [False, True]
+    assert fault.slip_rad(2).tolist() == [2.5] * 7
+    assert fault.seen(1)(np.eye(4))[0, 3] == -1.0
 
 
 @pytest.mark.parametrize("name", missions.SCENARIOS)
