@@ -3,6 +3,7 @@
 #include "kc_la.h"
 #include "kc_libm.h"
 
+_Static_assert(KC_CAND_MAX % 4u == 0u, "four candidates at a time");
 _Static_assert(sizeof(kc_gp_t) <= 300u * 1024u, "GP memory budget");
 
 static uint32_t row(uint32_t n) { return n * (n + 1u) / 2u; }
@@ -29,20 +30,25 @@ static kc_status_t factor_row(kc_gp_t *gp, uint32_t i)
 {
     double k[KC_MEAS_MAX];
     const double eps = gp->kernel->sigma_eps;
-    for (uint32_t j = 0; j < i; j++) { k[j] = kc_kernel_eval(gp->kernel, gp->hyper, &gp->x[i], &gp->x[j]); }
+    kc_kernel_row(gp->kernel, gp->hyper, &gp->x[i], gp->x, i, k);
     return kc_la_packed_append(gp->L, i, k, prior_var(gp, &gp->x[i]) + eps * eps);
 }
 
-/* Row i of L^-1 K(X, candidates) and its part of every candidate's variance. */
+/* Row i of L^-1 K(X, candidates) and its part of every candidate's variance. Four candidates at a time; behind the last
+ * one, what is no candidate is taken along and not kept. */
 static void cache_row(kc_gp_t *gp, uint32_t i, const kc_point_t *cand)
 {
     const double *l = &gp->L[row(i)];
-    for (uint32_t c = 0; c < gp->n_cand; c++) {
-        double s = kc_kernel_eval(gp->kernel, gp->hyper, &gp->x[i], &cand[c]);
-        for (uint32_t j = 0; j < i; j++) { s -= l[j] * (double)gp->v[j][c]; }
-        s /= l[i];
-        gp->v[i][c] = (float)s;
-        gp->var[c] = kc_max(gp->var[c] - s * s, 0.0);
+    for (uint32_t c = 0; c < gp->n_cand; c += 4u) {
+        const uint32_t n = gp->n_cand - c < 4u ? gp->n_cand - c : 4u;
+        double s[4] = {0};
+        kc_kernel_row(gp->kernel, gp->hyper, &gp->x[i], &cand[c], n, s);
+        kc_la_take_four(l, i, &gp->v[0][c], KC_CAND_MAX, s);
+        for (uint32_t k = 0u; k < n; k++) {
+            const double v = s[k] / l[i];
+            gp->v[i][c + k] = (float)v;
+            gp->var[c + k] = kc_max(gp->var[c + k] - v * v, 0.0);
+        }
     }
 }
 
@@ -75,7 +81,7 @@ double kc_gp_cand_mean(const kc_gp_t *gp, uint32_t c)
 void kc_gp_predict(const kc_gp_t *gp, const kc_point_t *x, double *mean, double *var)
 {
     double v[KC_MEAS_MAX];
-    for (uint32_t i = 0; i < gp->n; i++) { v[i] = kc_kernel_eval(gp->kernel, gp->hyper, x, &gp->x[i]); }
+    kc_kernel_row(gp->kernel, gp->hyper, x, gp->x, gp->n, v);
     kc_la_packed_solve(gp->L, gp->n, v);
     double m = 0.0;
     double s = prior_var(gp, x);

@@ -2,7 +2,8 @@
 
 #include <stddef.h>
 
-#include "kc_libm.h"
+#include "kc_la.h"
+#include "kc_vec.h"
 
 /* Sum of kept weights against k(0) = 1; only rounding in the table may part them. */
 #define SUM_TOL 1e-9
@@ -12,9 +13,7 @@
  * cos d = 2 <q1,q2>^2 - 1. Both are taken without an acos. */
 static double cos_t(uint8_t arg, const double q1[4], const double q2[4])
 {
-    double dot = 0.0;
-    for (uint32_t i = 0; i < 4u; i++) { dot += q1[i] * q2[i]; }
-    dot = kc_min(kc_fabs(dot), 1.0);
+    const double product = kc_v3_dot(q1, q2) + q1[3] * q2[3], dot = kc_min(kc_fabs(product), 1.0);
     return (arg == KC_KERNEL_PAPER) ? 2.0 * dot * dot - 1.0 : dot;
 }
 
@@ -33,16 +32,32 @@ double kc_kernel_rot(const kc_kernel_t *k, uint32_t hyper, const double q1[4], c
     return (h->n_w & 1u) != 0u ? h->w[0] + x2 * b1 - b2 : b1;
 }
 
+/* k from its rotation part. */
+static double with_position(const kc_hyper_t *h, double rot, const kc_point_t *x1, const kc_point_t *x2)
+{
+    double d[3];
+    kc_v3_sub(x1->p_m, x2->p_m, d);
+    return h->sigma_s * h->sigma_s * rot * kc_exp(-0.5 * kc_v3_dot(d, d) / (h->beta_m * h->beta_m));
+}
+
 double kc_kernel_eval(const kc_kernel_t *k, uint32_t hyper, const kc_point_t *x1, const kc_point_t *x2)
 {
+    return with_position(&k->hyper[hyper], kc_kernel_rot(k, hyper, x1->q_wxyz, x2->q_wxyz), x1, x2);
+}
+
+void kc_kernel_row(const kc_kernel_t *k, uint32_t hyper, const kc_point_t *x, const kc_point_t *at,
+                   uint32_t n, double *out)
+{
     const kc_hyper_t *h = &k->hyper[hyper];
-    double d2 = 0.0;
-    for (uint32_t i = 0; i < 3u; i++) {
-        const double d = x1->p_m[i] - x2->p_m[i];
-        d2 += d * d;
+    for (uint32_t i = 0u; i < n; i += 4u) {
+        const uint32_t last = n - i < 4u ? n - i - 1u : 3u; /* stands in the places after it too */
+        double x2[4], rot[4];
+        for (uint32_t p = 0u; p < 4u; p++) {
+            x2[p] = 2.0 * cos_t(k->arg, x->q_wxyz, at[i + (p < last ? p : last)].q_wxyz);
+        }
+        kc_la_chebyshev(h->w, h->n_w, x2, rot);
+        for (uint32_t p = 0u; p <= last; p++) { out[i + p] = with_position(h, rot[p], x, &at[i + p]); }
     }
-    return h->sigma_s * h->sigma_s * kc_kernel_rot(k, hyper, x1->q_wxyz, x2->q_wxyz) *
-           kc_exp(-0.5 * d2 / (h->beta_m * h->beta_m));
 }
 
 uint64_t kc_kernel_cost(const kc_kernel_t *k)

@@ -42,7 +42,10 @@ typedef struct {
 
 double kc_kernel_rot(const kc_kernel_t *k, uint32_t hyper, const double q1[4], const double q2[4]);
 double kc_kernel_eval(const kc_kernel_t *k, uint32_t hyper, const kc_point_t *x1, const kc_point_t *x2);
-/* Bound of the instructions of kc_kernel_eval. */
+/* out[i] <- k(x, at[i]), i < n: the same bits, with fewer instructions. */
+void kc_kernel_row(const kc_kernel_t *k, uint32_t hyper, const kc_point_t *x, const kc_point_t *at,
+                   uint32_t n, double *out);
+/* Bound of the instructions of kc_kernel_eval, and of an element of a row; a row takes multiples of four. */
 uint64_t kc_kernel_cost(const kc_kernel_t *k);
 kc_status_t kc_kernel_validate(const kc_kernel_t *k, int32_t *index, double *got);
 

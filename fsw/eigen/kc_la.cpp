@@ -61,22 +61,39 @@ Pair pair(const double *from)
     return p;
 }
 
+void put(const Pair &p, double *to) { std::memcpy(to, &p, sizeof p); }
+
+Pair floats(const float *from) { return Pair{double(from[0]), double(from[1])}; }
+
+void add_floats(const Pair &p, float *to)
+{
+    to[0] += float(p[0]);
+    to[1] += float(p[1]);
+}
+
 struct Six {
     Pair p[3];
 
     static Six of(const double *from) { return {{pair(from), pair(from + 2), pair(from + 4)}}; }
     void to(double *out) const
     {
-        std::memcpy(out, &p[0], sizeof p[0]);
-        std::memcpy(out + 2, &p[1], sizeof p[1]);
-        std::memcpy(out + 4, &p[2], sizeof p[2]);
+        put(p[0], out);
+        put(p[1], out + 2);
+        put(p[2], out + 4);
     }
     void take(double c, const Six &b) { p[0] -= c * b.p[0], p[1] -= c * b.p[1], p[2] -= c * b.p[2]; }
     void add(double c, const Six &b) { p[0] += c * b.p[0], p[1] += c * b.p[1], p[2] += c * b.p[2]; }
+    Pair parts(const Six &b) const { return p[0] * b.p[0] + p[1] * b.p[1] + p[2] * b.p[2]; }
     double dot(const Six &b) const
     {
-        const Pair s = p[0] * b.p[0] + p[1] * b.p[1] + p[2] * b.p[2];
+        const Pair s = parts(b);
         return s[0] + s[1];
+    }
+    /* Its products with two others. */
+    Pair dots(const Six &b, const Six &c) const
+    {
+        const Pair s = parts(b), t = parts(c);
+        return Pair{s[0], t[0]} + Pair{s[1], t[1]};
     }
 };
 
@@ -117,18 +134,34 @@ void reflect_column(Mat &R, uint32_t n, uint32_t k)
 }
 
 /* J'AJ, place i of J belonging to row and column at(i) of A. Of half the products, since A is symmetric: with
- * r_i = A_i0 J_0 + ... + A_ii J_i / 2 it is the sum of J_i r_i' and its transpose, exactly symmetric. */
+ * r_i = A_i0 J_0 + ... + A_ii J_i / 2 it is the sum of J_i r_i' and its transpose, exactly symmetric. Two rows at a
+ * time read J once; of an odd number, the first is alone. */
 template <typename At>
 void congruence(const double *A, uint32_t ld, uint32_t n, const double *J, At at, double *out)
 {
     Six sum[6] = {}; /* row after row: two triangles */
-    for (uint32_t i = 0u; i < n; i++) {
-        const double *a = A + size_t(at(i)) * ld, *b = J + 6u * i;
+    const uint32_t alone = n & 1u;
+    if (alone != 0u) {
         Six r = {};
+        r.add(0.5 * A[size_t(at(0u)) * ld + at(0u)], Six::of(J));
+        for (uint32_t k = 0u; k < 6u; k++) { sum[k].add(J[k], r); }
+    }
+    for (uint32_t i = alone; i < n; i += 2u) {
+        const double *a = A + size_t(at(i)) * ld, *b = A + size_t(at(i + 1u)) * ld, *own = J + 6u * i;
+        Six r = {}, s = {};
         const double *to = J;
-        for (uint32_t j = 0u; j < i; j++, to += 6) { r.add(a[at(j)], Six::of(to)); }
-        r.add(0.5 * a[at(i)], Six::of(b));
-        for (uint32_t k = 0u; k < 6u; k++) { sum[k].add(b[k], r); }
+        for (uint32_t j = 0u; j < i; j++, to += 6) {
+            const Six v = Six::of(to);
+            r.add(a[at(j)], v);
+            s.add(b[at(j)], v);
+        }
+        r.add(0.5 * a[at(i)], Six::of(own));
+        s.add(b[at(i)], Six::of(own));
+        s.add(0.5 * b[at(i + 1u)], Six::of(own + 6));
+        for (uint32_t k = 0u; k < 6u; k++) {
+            sum[k].add(own[k], r);
+            sum[k].add(own[6u + k], s);
+        }
     }
     double half[36];
     std::memcpy(half, sum, sizeof half);
@@ -241,12 +274,23 @@ double kc_la_fold(double *R, uint32_t n, uint32_t ld, double *cols)
         if (b2 <= ZERO2) { continue; } /* NaN goes on, into the diagonal */
         const Reflection h(u[k], b2);
         u[k] = h.r;
-        for (uint32_t j = k + 1u; j <= n; j++) {
-            Six c = Six::of(cols + 6u * j);
-            const double s = h.beta * (h.v0 * u[j] + b.dot(c));
-            u[j] -= s * h.v0;
+        const uint32_t alone = (n - k) & 1u; /* two columns at a time; of an odd number, the first is alone */
+        if (alone != 0u) {
+            Six c = Six::of(cols + 6u * (k + 1u));
+            const double s = h.beta * (h.v0 * u[k + 1u] + b.dot(c));
+            u[k + 1u] -= s * h.v0;
             c.take(s, b);
-            c.to(cols + 6u * j);
+            c.to(cols + 6u * (k + 1u));
+        }
+        double *col = cols + 6u * (k + 1u + alone);
+        for (size_t j = k + 1u + alone; j <= n; j += 2u, col += 12) {
+            Six c = Six::of(col), d = Six::of(col + 6);
+            const Pair uj = pair(u + j), s = h.beta * (h.v0 * uj + b.dots(c, d));
+            put(uj - s * h.v0, u + j);
+            c.take(s[0], b);
+            c.to(col);
+            d.take(s[1], b);
+            d.to(col + 6);
         }
     }
     const Six rest = Six::of(cols + 6u * n);
@@ -412,7 +456,12 @@ void kc_la_rank_update(double *A, uint32_t n, uint32_t ld, const double *J)
     for (uint32_t i = 0u; i < n; i++) {
         const Six b = Six::of(J + 6u * i);
         double *a = A + size_t(i) * ld;
-        for (uint32_t j = 0u; j <= i; j++) { a[j] += b.dot(Six::of(J + 6u * j)); }
+        const uint32_t alone = (i + 1u) & 1u; /* two places at a time; of an odd number, the first is alone */
+        if (alone != 0u) { a[0] += b.dot(Six::of(J)); }
+        const double *to = J + 6u * alone;
+        for (size_t j = alone; j <= i; j += 2u, to += 12) {
+            put(pair(a + j) + b.dots(Six::of(to), Six::of(to + 6)), a + j);
+        }
     }
 }
 
@@ -439,4 +488,75 @@ void kc_la_mul(const double *A, uint32_t n, uint32_t ld, const double *J, uint32
                double *out)
 {
     mat(out, n, m, m).noalias() = mat(A, n, n, ld).lazyProduct(mat(J, n, m, ldj));
+}
+
+void kc_la_add_mul_t(const double *C, uint32_t n, uint32_t m, const double *J, double *V)
+{
+    for (uint32_t k = 0u; k < m; k += 2u) { /* two rows at a time read J once */
+        double *v = V + 6u * k;
+        const double *c = C + k, *from = J;
+        Six a = Six::of(v), b = Six::of(v + 6);
+        for (uint32_t i = 0u; i < n; i++, c += m, from += 6) {
+            const Six row = Six::of(from);
+            a.add(c[0], row);
+            b.add(c[1], row);
+        }
+        a.to(v);
+        b.to(v + 6);
+    }
+}
+
+void kc_la_add_grams(const double *J, uint32_t n, float *pos, float *rot)
+{
+    for (uint32_t i = 0u; i < n; i++) {
+        const Six a = Six::of(J + 6u * i);
+        const uint32_t alone = (i + 1u) & 1u; /* as in kc_la_rank_update */
+        if (alone != 0u) {
+            const Six b = Six::of(J);
+            const Pair x = a.p[0] * b.p[0], y = a.p[1] * b.p[1], z = a.p[2] * b.p[2];
+            pos[0] += float(x[0] + x[1] + y[0]);
+            rot[0] += float(y[1] + z[0] + z[1]);
+        }
+        const double *to = J + 6u * alone;
+        for (size_t j = alone; j <= i; j += 2u, to += 12) {
+            const Six b = Six::of(to), c = Six::of(to + 6);
+            const Pair x = a.p[0] * b.p[0], y = a.p[1] * b.p[1], z = a.p[2] * b.p[2];
+            const Pair u = a.p[0] * c.p[0], v = a.p[1] * c.p[1], w = a.p[2] * c.p[2];
+            add_floats(Pair{x[0], u[0]} + Pair{x[1], u[1]} + Pair{y[0], v[0]}, pos + j);
+            add_floats(Pair{y[1], v[1]} + Pair{z[0], w[0]} + Pair{z[1], w[1]}, rot + j);
+        }
+        pos += i + 1u;
+        rot += i + 1u;
+    }
+}
+
+void kc_la_take_four(const double *l, uint32_t n, const float *v, uint32_t ld, double s[4])
+{
+    Pair a = pair(s), b = pair(s + 2);
+    for (uint32_t j = 0u; j < n; j++, v += ld) {
+        a -= l[j] * floats(v);
+        b -= l[j] * floats(v + 2);
+    }
+    put(a, s);
+    put(b, s + 2);
+}
+
+/* By Clenshaw: b_n = w_n + 2x b_{n+1} - b_{n+2}, the sum is b_0; two steps at a time, so that no b is moved. */
+void kc_la_chebyshev(const double *w, uint32_t n, const double x2[4], double sum[4])
+{
+    const Pair x = pair(x2), y = pair(x2 + 2);
+    Pair b1 = {}, b2 = {}, c1 = {}, c2 = {};
+    size_t k = n;
+    for (; k > 1u; k -= 2u) {
+        b2 = w[k - 1u] + x * b1 - b2;
+        c2 = w[k - 1u] + y * c1 - c2;
+        b1 = w[k - 2u] + x * b2 - b1;
+        c1 = w[k - 2u] + y * c2 - c1;
+    }
+    if (k == 1u) {
+        b1 = w[0] + x * b1 - b2;
+        c1 = w[0] + y * c1 - c2;
+    }
+    put(b1, sum);
+    put(c1, sum + 2);
 }

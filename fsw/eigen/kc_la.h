@@ -85,6 +85,20 @@ void kc_la_congruence_at(const double *A, uint32_t ld, const uint32_t *idx, uint
 void kc_la_mul(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
                double *out);
 
+/* V += C^T J, C n x m, m even, J n and V m rows of six. Any n. */
+void kc_la_add_mul_t(const double *C, uint32_t n, uint32_t m, const double *J, double *V);
+/* Lower triangle of J J^T, row after row, of the first and the last three of each row of J apart: added to pos and rot,
+ * each element rounded to a float. Any n. */
+void kc_la_add_grams(const double *J, uint32_t n, float *pos, float *rot);
+
+/* s[k] -= l_0 v[k] + l_1 v[ld + k] + ..., one after the other, n of them: four columns of v at once. Any n. */
+void kc_la_take_four(const double *l, uint32_t n, const float *v, uint32_t ld, double s[4]);
+
+/* ---- Chebyshev series ---- */
+
+/* sum[k] <- w_0 U_0(x) + ... + w_n-1 U_n-1(x) with 2 x = x2[k], U of the second kind: four places at once. Any n. */
+void kc_la_chebyshev(const double *w, uint32_t n, const double x2[4], double sum[4]);
+
 #ifdef __cplusplus
 }
 #endif

@@ -25,20 +25,11 @@ void kc_accuracy_add(kc_accuracy_t *a, const kc_eval_t *eval, double (*chain)[KC
 {
     const uint32_t n = a->n_coef + KC_CHAIN_COUNT;
     double move[KC_ACCURACY_MAX][6];
-    uint32_t k = 0u;
     memcpy(move, eval->J, a->n_coef * sizeof move[0]);
     for (uint32_t i = 0u; i < KC_CHAIN_COUNT; i++) {
         for (uint32_t c = 0u; c < 6u; c++) { move[a->n_coef + i][c] = chain[c][i]; }
     }
-    for (uint32_t i = 0u; i < n; i++) {
-        for (uint32_t j = 0u; j <= i; j++) {
-            const double *x = move[i], *y = move[j];
-            const double pos = x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
-            const double rot = x[3] * y[3] + x[4] * y[4] + x[5] * y[5];
-            a->pos[k] += (float)pos;
-            a->rot[k++] += (float)rot;
-        }
-    }
+    kc_la_add_grams(&move[0][0], n, a->pos, a->rot);
     a->n_poses++;
 }
 

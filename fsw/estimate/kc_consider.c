@@ -106,18 +106,15 @@ uint64_t kc_consider_pose_cost(const kc_est_t *est) { return 40000u + 1200u * es
 void kc_consider_motion(const kc_consider_t *c, const kc_est_t *est, const kc_eval_t *eval, double (*seen)[6],
                         double move[6][KC_CHAIN_COUNT])
 {
+    double v[N][6];
     for (uint32_t k = 0u; k < N; k++) {
         /* the tags' errors do not move what else the camera sees */
         const bool moves = seen != NULL && k >= KC_CHAIN_DRIFT;
-        double v[6];
-        for (uint32_t a = 0u; a < 6u; a++) { v[a] = moves ? -seen[k][a] : 0.0; }
-        for (uint32_t i = 0u; i < est->terms->n_coef; i++) {
-            const double *J = eval->J[i];
-            const double s = c->S[i * N + k];
-            kc_v3_add_scaled(v, s, J, v);
-            kc_v3_add_scaled(&v[3], s, &J[3], &v[3]);
-        }
-        for (uint32_t a = 0u; a < 6u; a++) { move[a][k] = v[a]; }
+        for (uint32_t a = 0u; a < 6u; a++) { v[k][a] = moves ? -seen[k][a] : 0.0; }
+    }
+    kc_la_add_mul_t(c->S, est->terms->n_coef, N, &eval->J[0][0], &v[0][0]);
+    for (uint32_t a = 0u; a < 6u; a++) {
+        for (uint32_t k = 0u; k < N; k++) { move[a][k] = v[k][a]; }
     }
     for (uint32_t a = 0u; a < 6u; a++) { kc_la_solve_lower(c->L, N, N, move[a]); }
 }

@@ -56,6 +56,23 @@ void test_empty_process_knows_nothing(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, kc_gp_log_marginal(&s_gp));
 }
 
+/* Four are taken at a time: the last ones may be no candidates. */
+void test_any_number_of_candidates(void)
+{
+    add(&s_gp, 5u);
+    for (uint32_t n = N_CAND - 3u; n < N_CAND; n++) {
+        memset(&s_other, 0, sizeof s_other);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_gp_init(&s_other, &s_k, 0u, s_cand, n));
+        add(&s_other, 5u);
+        TEST_ASSERT_EQUAL_MEMORY(s_gp.var, s_other.var, n * sizeof s_gp.var[0]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_other.var[n]);
+        for (uint32_t i = 0u; i < 5u; i++) {
+            TEST_ASSERT_EQUAL_MEMORY(s_gp.v[i], s_other.v[i], n * sizeof s_gp.v[0][0]);
+            TEST_ASSERT_EQUAL_FLOAT(0.0f, s_other.v[i][n]);
+        }
+    }
+}
+
 void test_too_many_candidates_or_unknown_set_are_refused(void)
 {
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_gp_init(&s_gp, &s_k, 1u, s_cand, KC_CAND_MAX));

@@ -103,6 +103,33 @@ void test_a_kernel_has_any_number_of_weights(void)
     }
 }
 
+/* The bits of one at a time: a factor and the cache of candidates go by both. */
+void test_a_row_is_what_its_elements_are(void)
+{
+    static const kc_point_t x = {{0.9, 0.1, -0.3, 0.3}, {0.1, 0.2, 0.3}};
+    kc_point_t at[9];
+    double row[10];
+    for (uint32_t i = 0u; i < 9u; i++) {
+        const double a = 0.3 * (double)i;
+        at[i] = (kc_point_t){{cos(a), 0.0, sin(a), 0.0}, {0.1 * a, 0.3, -0.2 * a}};
+    }
+    for (uint32_t n_w = 4u; n_w <= 5u; n_w++) {
+        for (uint8_t arg = KC_KERNEL_SO3; arg <= KC_KERNEL_PAPER; arg++) {
+            s_k.arg = arg;
+            s_k.hyper[1].n_w = n_w;
+            for (uint32_t n = 0u; n <= 9u; n++) {
+                for (uint32_t i = 0u; i < 10u; i++) { row[i] = 77.0; }
+                kc_kernel_row(&s_k, 1u, &x, at, n, row);
+                for (uint32_t i = 0u; i < n; i++) {
+                    const double want = kc_kernel_eval(&s_k, 1u, &x, &at[i]);
+                    TEST_ASSERT_EQUAL_MEMORY(&want, &row[i], sizeof want);
+                }
+                TEST_ASSERT_EQUAL_DOUBLE(77.0, row[n]);
+            }
+        }
+    }
+}
+
 void test_position_part_is_a_gaussian_and_both_multiply(void)
 {
     const kc_point_t a = {{1.0, 0.0, 0.0, 0.0}, {0.1, 0.2, 0.3}};

@@ -508,6 +508,103 @@ void test_solves_and_products_write_as_many_numbers_as_they_have(void)
     for (uint32_t k = 0u; k < 4u; k++) { TEST_ASSERT_EQUAL_DOUBLE_ARRAY(want[k], x[k], 3); }
 }
 
+/* Odd and even numbers of rows, of which two are taken at a time. */
+void test_congruences_of_any_size(void)
+{
+    const uint32_t at[N] = {0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u, 8u};
+    double J[N * 6], C[36], P[36];
+    given_definite();
+    for (uint32_t i = 0u; i < N * 6u; i++) { J[i] = drawn(&s_rng); }
+    for (uint32_t n = 0u; n <= N; n++) {
+        kc_la_congruence(s_B, n, LD, J, C);
+        kc_la_congruence_at(s_B, LD, at, n, J, P);
+        TEST_ASSERT_EQUAL_MEMORY(C, P, sizeof C);
+        for (uint32_t a = 0u; a < 36u; a++) {
+            double s = 0.0;
+            for (uint32_t k = 0u; k < n; k++) {
+                for (uint32_t l = 0u; l < n; l++) {
+                    s += J[6u * k + a / 6u] * s_B[k * LD + l] * J[6u * l + a % 6u];
+                }
+            }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, s, C[a]);
+        }
+    }
+}
+
+/* Several at a time, and each with the bits of one at a time, in the order of the rows. */
+void test_rows_added_to_rows(void)
+{
+    double J[N * 6], C[N * 4], V[5][6], want[5][6];
+    for (uint32_t i = 0u; i < N * 6u; i++) { J[i] = drawn(&s_rng); }
+    for (uint32_t i = 0u; i < N * 4u; i++) { C[i] = drawn(&s_rng); }
+    for (uint32_t i = 0u; i < 30u; i++) { want[i / 6u][i % 6u] = V[i / 6u][i % 6u] = drawn(&s_rng); }
+    for (uint32_t i = 0u; i < N; i++) {
+        for (uint32_t k = 0u; k < 24u; k++) {
+            want[k / 6u][k % 6u] += C[4u * i + k / 6u] * J[6u * i + k % 6u];
+        }
+    }
+    kc_la_add_mul_t(C, N, 4u, J, V[0]);
+    TEST_ASSERT_EQUAL_MEMORY(want, V, sizeof V);
+}
+
+void test_products_of_positions_and_of_rotations(void)
+{
+    float pos[46], rot[46], want_pos[46], want_rot[46];
+    double J[N][6];
+    for (uint32_t i = 0u; i < N * 6u; i++) { J[i / 6u][i % 6u] = drawn(&s_rng); }
+    for (uint32_t i = 0u; i < 46u; i++) {
+        want_pos[i] = pos[i] = (float)drawn(&s_rng);
+        want_rot[i] = rot[i] = (float)drawn(&s_rng);
+    }
+    for (uint32_t i = 0u, k = 0u; i < N; i++) {
+        for (uint32_t j = 0u; j <= i; j++, k++) {
+            const double *x = J[i], *y = J[j];
+            want_pos[k] += (float)(x[0] * y[0] + x[1] * y[1] + x[2] * y[2]);
+            want_rot[k] += (float)(x[3] * y[3] + x[4] * y[4] + x[5] * y[5]);
+        }
+    }
+    kc_la_add_grams(J[0], N, pos, rot);
+    TEST_ASSERT_EQUAL_MEMORY(want_pos, pos, sizeof pos);
+    TEST_ASSERT_EQUAL_MEMORY(want_rot, rot, sizeof rot);
+}
+
+void test_four_columns_at_once(void)
+{
+    double l[N], s[4], want[4];
+    float v[N][7];
+    for (uint32_t i = 0u; i < N * 7u; i++) { v[i / 7u][i % 7u] = (float)drawn(&s_rng); }
+    for (uint32_t i = 0u; i < N; i++) { l[i] = drawn(&s_rng); }
+    for (uint32_t n = 0u; n <= N; n++) {
+        for (uint32_t k = 0u; k < 4u; k++) {
+            want[k] = s[k] = drawn(&s_rng);
+            for (uint32_t j = 0u; j < n; j++) { want[k] -= l[j] * (double)v[j][2u + k]; }
+        }
+        kc_la_take_four(l, n, &v[0][2], 7u, s);
+        TEST_ASSERT_EQUAL_MEMORY(want, s, sizeof s);
+    }
+}
+
+/* U_n(x): 1, 2x, and each from the two before. */
+void test_chebyshev_series_at_four_places(void)
+{
+    const double x2[4] = {2.0, -1.7, 0.3, 0.0};
+    double w[N], sum[4];
+    for (uint32_t n = 0u; n <= N; n++) {
+        for (uint32_t i = 0u; i < n; i++) { w[i] = drawn(&s_rng); }
+        kc_la_chebyshev(w, n, x2, sum);
+        for (uint32_t k = 0u; k < 4u; k++) {
+            double s = 0.0, u = 1.0, before = 0.0;
+            for (uint32_t i = 0u; i < n; i++) {
+                const double after = x2[k] * u - before;
+                s += w[i] * u;
+                before = u;
+                u = after;
+            }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-13, s, sum[k]);
+        }
+    }
+}
+
 /* 3 and 4 make 5, and the sign of the diagonal turns: the sum that the reflection divides by has one sign. */
 void test_a_fold_reflects_to_the_other_side(void)
 {
