@@ -173,7 +173,8 @@ def test_only_sliding_joints_slide(arm, library):
     other = replace(arm, joints=(*arm.joints[:2], sliding, *arm.joints[3:]))
     names = [h.name for h in library.find("slide_gravity", other, None)]
     assert names == ["slide_gravity[3]"]
-    assert "joint_gravity[3]" not in {h.name for h in library.find("joint_gravity", other, None)}
+    turning = ("joint_gravity", "encoder_eccentricity", "encoder_harmonic2")
+    assert all(f"{name}[3]" not in {h.name for h in library.find(name, other, None)} for name in turning)
 
 
 def test_flight_takes_the_terms(arm, library):

@@ -9,8 +9,10 @@ import pytest
 from scipy import stats
 
 from kincal import workbench as wb
-from kincal.workbench.diagnosis.guard import never_worse, without_doubtful
+from kincal.workbench.diagnosis import guard
+from kincal.workbench.diagnosis.guard import never_worse, without_doubtful, without_unsupported
 from kincal.workbench.diagnosis.heldout import HeldGain
+from kincal.workbench.diagnosis.posterior import Posterior
 from kincal.workbench.diagnosis.states import Kept, Selection
 from kincal.workbench.diagnosis.study import Study
 from kincal.workbench.diagnosis.support import of_turns, worse_blocks
@@ -216,6 +218,28 @@ def test_doubtful_effects_go_one_after_another_and_unproven_ones_have_not_won():
     study.unnamed_wins = False
     found = without_doubtful(study, chosen("good", "fair", "bad"))
     assert [(k.effect.name, k.role) for k in found.kept] == [("good", "accepted"), ("fair", "accepted")]
+
+
+def test_what_imitates_something_unnamed_goes_once_that_is_in_the_model(monkeypatch):
+    """It was advised with P = 5e-113, in the first command."""
+
+    class Beside(Held):
+        def held_gain(self, model, h):
+            found = super().held_gain(model, h)
+            unnamed = any(x.name == "unnamed" for x in model)
+            return replace(found, interval=(0.95, 1.05)) if unnamed and h.name in ("piece", "weak") else found
+
+    evidence = {"piece": 1e-30, "needed": 1e-30, "weak": 0.2}
+    kept = tuple(
+        Kept(Hypothesis(name, name, ()), "helps", Posterior(None, (), (), (), {"none": 0.0, name: p}))
+        for name, p in evidence.items()
+    )
+    start = Selection(kept, tuple(k.effect for k in kept), None, Last())
+    monkeypatch.setattr(guard, "_top_function", lambda *_: Hypothesis("unnamed", "unnamed", ()))
+    study = Beside({"piece": 0.9, "needed": 0.9, "weak": 0.9, "unnamed": 0.5})
+    found = without_unsupported(study, start)
+    assert [k.effect.name for k in found.kept] == ["needed", "weak"]
+    assert without_unsupported(study, replace(start, last=Last(False))).kept == kept
 
 
 # --------------------------------------------------------------------------- support by unseen poses

@@ -146,6 +146,11 @@ class EffectFinding:
     inspect: str = ""
     taken_back: bool = False
 
+    def named(self, right: float) -> EffectFinding:
+        """The same where the name is right with a probability beside all doubts."""
+        doubts = replace(self.doubts, identity=self.doubts.identity * right)
+        return replace(self, doubts=doubts, probability=doubts.probability)
+
     @property
     def accepted(self) -> bool:
         """It won and is part of the final model."""
@@ -425,7 +430,11 @@ def effect_findings(
     back = frozenset(k.effect.name for k in found.taken_back)
     report = _Reporter(study, found.model, p_family, left, explained, back)
     findings = [report.kept(k) for k in found.kept]
-    findings += [report.alternative(h, posterior) for h, posterior in alternatives(found)]
+    named = {id(k.posterior): k.identity for k in found.kept}  # what stands in its place is a piece like it
+    findings += [
+        report.alternative(h, posterior).named(named.get(id(posterior), 1.0))
+        for h, posterior in alternatives(found)
+    ]
     return tuple(sorted(findings, key=_rank))
 
 
@@ -485,7 +494,8 @@ class _Reporter:
     def kept(self, k: Kept) -> EffectFinding:
         """About an effect of the final model, with its fitted values."""
         competing = confounded_effects(self.study, k.effect, k.posterior)
-        found = self._finding(k.effect, k.role, k.posterior.presence(k.effect.name), k.posterior, competing)
+        evidence = k.posterior.presence(k.effect.name)
+        found = self._finding(k.effect, k.role, evidence, k.posterior, competing).named(k.identity)
         confounded = dict.fromkeys((*found.confounded_with, *k.ties))
         values = fitted_values(k.effect, self.study.fit(self.model))
         return replace(found, confounded_with=tuple(confounded), parameters=values)

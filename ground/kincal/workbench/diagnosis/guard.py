@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from kincal_shared.errors import CannotAnswer
+
 from ..evidence.serial import Serial, serial_correlation
+from ..evidence.smooth import smooth_effect
 from ..model.effects import Hypothesis, Term
+from ..model.unnamed_names import UnnamedName
 from .heldout import HeldGain
 from .states import Kept, Selection
 from .study import Model, Study
 
+_IMPOSSIBLE = 0.01  # probability of an effect against something unnamed
 _SURE = 0.9  # probability that an effect helps other stretches: few of them tell little
 
 
@@ -26,7 +32,38 @@ def without_doubtful(study: Study, found: Selection) -> Selection:
     model = _model(kept)
     if study.posterior(model).unnamed_wins:
         kept = tuple(k if study.held_gain(model, k.effect).gains else replace(k, role="helps") for k in kept)
-    return found if kept == found.kept else _settled(study, found, kept, found.taken_back)
+    return settled(study, found, kept, found.taken_back)
+
+
+def without_unsupported(study: Study, found: Selection) -> Selection:
+    """Where the unnamed wins in the end, effects that are all but impossible against it were taken for what
+    they imitate of it. Once its function is in the model, those go from which held-out poses gain nothing
+    more, one after another."""
+    if not (found.last.unnamed_wins and study.has_held_out):
+        return found
+    one, kept = _top_function(study, found), found.kept
+    while one is not None and (gone := _least_needed(study, kept, one)) is not None:
+        kept = tuple(k for k in kept if k is not gone)
+    return settled(study, found, kept, found.taken_back)
+
+
+def _top_function(study: Study, found: Selection) -> Hypothesis | None:
+    """What is unnamed, as terms; None where none can hold it."""
+    top = found.last.top_unnamed.best
+    name = UnnamedName.of_cell(top.location, top.drivers)
+    try:
+        return None if name.without_terms else smooth_effect(name, study.held_scorer(found.model)).hypothesis
+    except CannotAnswer:
+        return None
+
+
+def _least_needed(study: Study, kept: tuple[Kept, ...], one: Hypothesis) -> Kept | None:
+    """The impossible effect that helps least beside the function, of those that do not help beyond chance."""
+    model = (*_model(kept), one)
+    refuted = [k for k in kept if k.posterior.presence(k.effect.name) < _IMPOSSIBLE]
+    gains = [(study.held_gain(model, k.effect), k) for k in refuted]
+    useless = [(gain.ratio, k) for gain, k in gains if not (gain.gains or math.isnan(gain.ratio))]
+    return max(useless, key=lambda pair: pair[0])[1] if useless else None
 
 
 def _worst(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
@@ -46,7 +83,7 @@ def never_worse(study: Study, found: Selection, evaluation: Study) -> Selection:
     kept, back = found.kept, found.taken_back
     while (gone := _contradicted(evaluation, kept)) is not None:
         kept, back = tuple(k for k in kept if k is not gone), (*back, gone)
-    return found if kept == found.kept else _settled(study, found, kept, back)
+    return settled(study, found, kept, back)
 
 
 def correlated_noise(study: Study, model: Model) -> Serial | None:
@@ -83,7 +120,7 @@ def holding(study: Study, found: Selection, evaluation: Study) -> Selection:
     kept, back = found.kept, found.taken_back
     while (gone := _least_held(evaluation, kept)) is not None:
         kept, back = tuple(k for k in kept if k is not gone), (*back, gone)
-    return found if kept == found.kept else _settled(study, found, kept, back)
+    return settled(study, found, kept, back)
 
 
 def _least_held(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
@@ -101,9 +138,12 @@ def _least_held(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
     return max(doubtful, key=lambda pair: pair[0])[1] if doubtful else None
 
 
-def _settled(
-    study: Study, found: Selection, kept: tuple[Kept, ...], taken_back: tuple[Kept, ...]
+def settled(
+    study: Study, found: Selection, kept: tuple[Kept, ...], taken_back: tuple[Kept, ...] = ()
 ) -> Selection:
+    """The outcome with these effects."""
+    if kept == found.kept:
+        return found
     model = _model(kept)
     return replace(found, kept=kept, model=model, last=study.posterior(model), taken_back=taken_back)
 

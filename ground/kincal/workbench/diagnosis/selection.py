@@ -16,7 +16,8 @@ import numpy as np
 from ..evidence.scoring import Scorer
 from ..model.effects import Hypothesis
 from ..model.hypotheses import joints_of, merged_if_several
-from .guard import without_doubtful
+from .guard import settled, without_doubtful, without_unsupported
+from .one_function import without_pieces
 from .posterior import ACCEPT_ODDS, Posterior
 from .predictive import helpful
 from .states import Grids, Kept, Selection, Settled, State
@@ -37,7 +38,9 @@ def select(study: Study, taking: Callable[[Model], None]) -> Selection:
         states.append(state)
     first, last = study.posterior(()), study.posterior(states[-1].model)
     reviewed = backward(study, states[-1])
-    return without_doubtful(study, Selection(reviewed.kept, reviewed.state.model, first, last))
+    found = Selection(reviewed.kept, reviewed.state.model, first, last)
+    found = settled(study, found, without_pieces(study, found.kept, reviewed.state.grids))
+    return without_unsupported(study, without_doubtful(study, found))
 
 
 # ------------------------------------------------------------------------------------------- forward
@@ -155,7 +158,7 @@ def sharpen(study: Study, beside: Model, h: Hypothesis, grids: Grids) -> tuple[H
         grid = study.closer(h, constant)
         if not grid:
             continue
-        scored = study.scorer((*beside, h), drop=h).hypotheses(grid)
+        scored = study.scorer((*beside, h), drop=(h,)).hypotheses(grid)
         h = grid[int(np.argmax([ln_bf for _, ln_bf in scored]))]
         grids = {**grids, h.name: grid}
     return h, grids

@@ -41,12 +41,14 @@ class Settled:
 
 @dataclass(frozen=True)
 class Kept:
-    """An effect of the final model, why it stays, what competed for its place, and what predicts as well."""
+    """An effect of the final model, why it stays, what competed for its place, and what predicts as well;
+    identity: probability that it is what its name says, beside what `posterior` knows."""
 
     effect: Hypothesis
     role: Role
     posterior: Posterior
     ties: tuple[str, ...] = ()
+    identity: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ..comparison.compare import Comparison
 from ..data.measurements import Measurements
 from ..data.split import Split
 from ..evidence.adequacy import ADEQUATE_P, lack_of_fit, noise_floor
-from ..evidence.scoring import Scorer, of_known_moves, robust_weights
+from ..evidence.scoring import Scorer, bulk_weights, of_known_moves, robust_weights
 from ..fit.least_squares import Fit, fit_model, rms
 from ..fit.thinning import MANY, part_of
 from ..model.effects import Hypothesis, Library
@@ -141,11 +141,16 @@ class Study:
         by_poses = int(self.comparison.fit_part.dof / _ROWS_EACH) - used
         return max(min(room_for(self.fit(model).parameters), by_poses), 0)
 
-    def scorer(self, model: Model, drop: Hypothesis | None = None, granted: Array | None = None) -> Scorer:
+    def scorer(self, model: Model, drop: Model = (), granted: Array | None = None) -> Scorer:
         """Scores at the fit of this model; drop, granted: as of `Scorer`."""
         of_moves = any(h.of_last_move for h in (*self.given, *model))
         weight = of_known_moves(self.weight, self.base.data) if of_moves else self.weight
         return Scorer(self.fit(model), weight, self.stated, drop=drop, granted=granted)
+
+    def held_scorer(self, model: Model) -> Scorer:
+        """Scores at the fit of this model without the held-out poses, if there are some."""
+        fit = self.held_fit(model) if self.has_held_out else self.fit(model)
+        return Scorer(fit, bulk_weights(fit), self.stated)
 
     def posterior(self, model: Model) -> Posterior:
         """What this model leaves to explain, and by what."""
@@ -163,11 +168,11 @@ class Study:
         open_ = self.competition.open([*self.given, *(x for x in model if x is not h)])
         open_ = self.competition.with_itself(open_, h)
         candidates = [c.refined(grid) if grid and c.name == h.name else c for c in open_]
-        return Posterior.at(self.scorer(model, drop=h), candidates)
+        return Posterior.at(self.scorer(model, drop=(h,)), candidates)
 
     def fewest_joints(self, model: Model, h: Hypothesis) -> Hypothesis | None:
         """An effect of this model at fewer joints that explain as much; None if all of them are needed."""
-        return fewest_joints(self.scorer(model, drop=h), h) if len(joints_with(h)) > 2 else None
+        return fewest_joints(self.scorer(model, drop=(h,)), h) if len(joints_with(h)) > 2 else None
 
     def constants_of(self, h: Hypothesis) -> tuple[str, ...]:
         """Constants of an effect that are searched on a grid."""
@@ -346,8 +351,11 @@ class Study:
         """What held-out poses gain from an effect, the other effects of the model with and without it."""
         if not self.has_held_out or len(h.parameters) > room_for(self.fit(model).parameters):
             return NO_HELD_OUT
-        without, with_it = self._without_and_with(model, h)
-        before, after = self._held(without), self._held(with_it)
+        return self.held_change(*self._without_and_with(model, h))
+
+    def held_change(self, before_it: Model, after_it: Model) -> HeldGain:
+        """What held-out poses gain from one model in the place of another."""
+        before, after = self._held(before_it), self._held(after_it)
         groups = self._alike
         gain = HeldGain.of(_square(before), _square(after), groups, cross_validated=self._few)
         return _with_rotation(gain, before, after)

@@ -27,6 +27,7 @@ from .bayes_factors import (
     scores,
     together,
 )
+from .finer import finer_cells
 from .products import ProductScores, score_products
 from .unnamed import Cell, cell_moments, cells
 
@@ -47,7 +48,8 @@ class Scored(Generic[What]):
     """A named effect or a cell of the map with its evidence.
 
     ln_bf: ln Bayes factor against "nothing missing"; best: the variant with the most evidence;
-    make: gives its columns G; signal: (rows,) W z0, what there is to explain.
+    make: gives its columns G; signal: (rows,) W z0, what there is to explain; tries: functions of which a
+    cell is the best.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Scored(Generic[What]):
     make: Callable[[], Array]
     projector: Projector
     signal: Array
+    tries: int = 1
 
     @property
     def block(self) -> Array:
@@ -134,8 +137,8 @@ def _ridge_distance(columns: Array, z0: Array, weight: Array, scale: float, c: i
 class Scorer:
     """Scores at one fit: candidates and map cells by the same formula.
 
-    weight: (N,) pose weights, 1 but for outliers; stated: the data state their noise; drop: an effect of
-    the fit that is to compete again (the point of linearisation stays the fit WITH it: a large effect bends
+    weight: (N,) pose weights, 1 but for outliers; stated: the data state their noise; drop: effects of
+    the fit that are to compete again (the point of linearisation stays the fit WITH it: a large effect bends
     the DH errors, and columns taken beside it would favour other effects); granted: (rows, m) columns that
     count as known to be there, at any size, like the DH errors.
 
@@ -147,7 +150,7 @@ class Scorer:
         fit: Fit,
         weight: Array,
         stated: bool,
-        drop: Hypothesis | None = None,
+        drop: Sequence[Hypothesis] = (),
         granted: Array | None = None,
     ):
         self.columns = Columns(fit, weight)
@@ -213,7 +216,9 @@ class Scorer:
     def map(self, *, double: bool = True) -> list[Scored[Cell]]:
         """All cells of the location x driver map; double: also those with two drivers."""
         made = cells(self.columns, double=double)
-        return self._as_cells(made, self._scores(cell_moments(made, self._known)))
+        finer = finer_cells(self.columns)
+        found = self._as_cells([*made, *finer], self._scores(cell_moments([*made, *finer], self._known)))
+        return _with_variants(found[: len(made)], found[len(made) :])
 
     def products(self) -> tuple[list[Scored[Cell]], ProductScores | None]:
         """The products of two drivers with the most evidence, as cells, and the evidence of all of them."""
@@ -238,9 +243,24 @@ class Scorer:
         return self.projector.apply(z)
 
 
-def _nuisance(fit: Fit, drop: Hypothesis | None) -> Mask:
-    """(k,) coefficients of the fit that are marginalised: all but those of the dropped effect."""
-    return np.array([drop is None or not name.startswith(f"{drop.name}.") for name in fit.names], dtype=bool)
+def _with_variants(found: Sequence[Scored[Cell]], variants: Sequence[Scored[Cell]]) -> list[Scored[Cell]]:
+    """Cells with the evidence of all functions of the same name, each as likely, and the best of these."""
+    of_name: dict[str, list[Scored[Cell]]] = {}
+    for s in variants:
+        of_name.setdefault(s.name, []).append(s)
+    return [_averaged(s, of_name[s.name]) if s.name in of_name else s for s in found]
+
+
+def _averaged(cell: Scored[Cell], variants: Sequence[Scored[Cell]]) -> Scored[Cell]:
+    every = (cell, *variants)
+    ln_mean = np.logaddexp.reduce([s.ln_bf for s in every]) - np.log(len(every))
+    return replace(max(every, key=lambda s: s.ln_bf), ln_bf=float(ln_mean), tries=len(every))
+
+
+def _nuisance(fit: Fit, drop: Sequence[Hypothesis]) -> Mask:
+    """(k,) coefficients of the fit that are marginalised: all but those of the dropped effects."""
+    dropped = {f"{h.name}.{p.name}" for h in drop for p in h.parameters}
+    return np.array([name not in dropped for name in fit.names], dtype=bool)
 
 
 def unexplained(mapped: Sequence[Scored[Cell]], known: Sequence[Scored[Hypothesis]]) -> list[Scored[Cell]]:
@@ -324,5 +344,5 @@ def _family_wise(p: float, least: Array, tests: int) -> float:
 
 
 def scaled_p(scored: Scored[Cell], scale: float) -> float:
-    """p-value of one score test at a noise scale."""
-    return flat_p(scored.score.chi2 / scale**2, scored.score.rank)
+    """p-value of one score test at a noise scale, for its tries (Bonferroni)."""
+    return min(1.0, scored.tries * flat_p(scored.score.chi2 / scale**2, scored.score.rank))

@@ -174,7 +174,7 @@ def _rows(place: ErrorPlace, columns: Columns) -> Location:
 
 def oriented(columns: Columns) -> list[tuple[Location, list[Driver]]]:
     """Locations with the drivers of the tool's orientation that an error there may follow."""
-    made = {name: Driver(name, _unit_variance(x)) for name, x in orientation_features(columns)}
+    made = {name: Driver(name, unit_variance(x)) for name, x in orientation_features(columns)}
     measured = [_measured(columns)] if columns.c == 6 else []
     places = [place for place in (*locations(columns), *measured) if place.name in _ORIENTED]
     return [(place, [made[name] for name in _ORIENTED[place.name] if name in made]) for place in places]
@@ -252,7 +252,7 @@ def drivers(columns: Columns) -> list[Driver]:
     where the tool is)."""
     data, arm = columns.fit.data, columns.fit.arm
     recorded = _recorded(data, tuple(joint.prismatic for joint in arm.joints))
-    modelled = {name: _features(_rbf(x, length)) for name, x, length in _modelled(columns)}
+    modelled = {name: _features(rbf(x, length)) for name, x, length in _modelled(columns)}
     found = {**modelled, **recorded}
     return [Driver(name, found[name]) for name in _order(found, arm.n) if found[name].shape[1]]
 
@@ -278,8 +278,13 @@ def _recorded(data: Measurements, prismatic: tuple[bool, ...]) -> dict[str, Arra
                "pan": data.pan_rad, "tilt": data.tilt_rad}  # fmt: skip
     out |= {name: _smooth(x) for name, x in scalars.items() if x is not None}
     if data.t_s is not None:
-        out["order" if data.order_is_time else "t"] = _smooth(data.t_s, 0.5)
+        out[session_driver(data)] = _smooth(data.t_s, 0.5)
     return out
+
+
+def session_driver(data: Measurements) -> str:
+    """Name of the driver that is time, or the order of the rows that stands for it."""
+    return "order" if data.order_is_time else "t"
 
 
 def _modelled(columns: Columns) -> Iterator[tuple[str, Array, float]]:
@@ -331,7 +336,7 @@ def _product(a: Array, b: Array) -> Array:
     """(N, k) features of the kernel (1 + k_a)(1 + k_b) - 1, compressed by SVD."""
     both = np.einsum("ni,nj->nij", a, b).reshape(len(a), -1)
     u, s, _ = np.linalg.svd(np.hstack([a, b, both - both.mean(axis=0)]), full_matrices=False)
-    return _unit_variance(u[:, :_DOUBLE] * s[:_DOUBLE])
+    return unit_variance(u[:, :_DOUBLE] * s[:_DOUBLE])
 
 
 # ------------------------------------------------------------------------------------------- kernels
@@ -340,12 +345,12 @@ def _product(a: Array, b: Array) -> Array:
 def _angle_kernel(q: Array, slides: bool) -> Array:
     """(N, N) kernel of a joint's motion: periodic in an angle [rad], squared exponential in a slide [m]."""
     if slides:
-        return _rbf(q)
+        return rbf(q)
     kernel: Array = np.exp(-2.0 * np.sin(0.5 * (q[:, None] - q[None, :])) ** 2)
     return kernel
 
 
-def _rbf(x: Array, length: float = 1.0) -> Array:
+def rbf(x: Array, length: float = 1.0) -> Array:
     """(N, N) squared exponential kernel; length: in standard deviations of x."""
     spread = x.std()
     z = (x - x.mean()) / (spread if spread > 0 else 1.0)
@@ -355,16 +360,22 @@ def _rbf(x: Array, length: float = 1.0) -> Array:
 
 def _smooth(x: Array, length: float = 1.0) -> Array:
     """Features of a smooth function of x (N,); none where x does not vary."""
-    return _features(_rbf(x, length)) if x.std() > 1e-9 else np.zeros((len(x), 0))
+    return _features(rbf(x, length)) if x.std() > 1e-9 else np.zeros((len(x), 0))
 
 
 def _linear(x: Array) -> Array:
     """The one feature of the kernel x x': x itself, centred; none where x does not vary."""
-    return _unit_variance((x - x.mean())[:, None]) if x.std() > 0 else np.zeros((len(x), 0))
+    return unit_variance((x - x.mean())[:, None]) if x.std() > 0 else np.zeros((len(x), 0))
 
 
 def _features(kernel: Array) -> Array:
-    """(N, k) leading eigenvectors of a centred kernel (N, N) times the roots of their eigenvalues.
+    """The few features of a map cell."""
+    return leading_features(kernel, _SINGLE)
+
+
+def leading_features(kernel: Array, most: int, share: float = 1.0) -> Array:
+    """(N, k) leading eigenvectors of a centred kernel (N, N) times the roots of their eigenvalues, `most` of
+    them, or those that have a share of the variance together.
 
     Smooth kernels have a rank of some twenty to rounding, which a pivoted Cholesky factor shows: the vectors
     are those of that factor."""
@@ -372,13 +383,15 @@ def _features(kernel: Array) -> Array:
     lower = np.zeros((len(kernel), rank))
     lower[pivots - 1] = np.tril(factor[:, :rank])
     vectors, roots, _ = np.linalg.svd(lower - lower.mean(axis=0), full_matrices=False)
-    good = roots[:_SINGLE] ** 2 > _LEAST_EIGENVALUE * max(roots.max(initial=0.0) ** 2, 1e-12)
+    variance = roots**2
+    good = variance[:most] > _LEAST_EIGENVALUE * max(variance.max(initial=0.0), 1e-12)
+    good &= (np.cumsum(variance) - variance)[:most] <= share * variance.sum()
     if not good.any():
         return np.zeros((len(kernel), 0))
-    return _unit_variance((vectors * roots)[:, :_SINGLE][:, good])
+    return unit_variance((vectors * roots)[:, :most][:, good])
 
 
-def _unit_variance(features: Array) -> Array:
+def unit_variance(features: Array) -> Array:
     """Features (N, k) scaled so that the variances of the poses have the mean 1."""
     scaled: Array = features / np.sqrt((features**2).sum(axis=1).mean())
     return scaled

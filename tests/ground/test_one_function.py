@@ -1,0 +1,85 @@
+"""Several waves of one joint, or one smooth function of its angle: which is it?"""
+
+import re
+
+import numpy as np
+import poses
+import pytest
+
+from kincal import workbench as wb
+from kincal.workbench.comparison.compare import compare
+from kincal.workbench.diagnosis.one_function import without_pieces
+from kincal.workbench.diagnosis.states import Kept
+from kincal.workbench.diagnosis.study import Study
+from kincal.workbench.evidence.bayes_factors import flat_p
+from kincal.workbench.evidence.constants import choose_constants
+from kincal.workbench.evidence.scoring import scaled_p
+
+JOINT_4 = np.eye(7)[3]
+
+
+def bump(q4):
+    return 6e-3 * np.exp(-(((q4 - 1.2) / 0.45) ** 2))
+
+
+def kink(q4):
+    return 3e-3 * np.tanh((q4 - 0.8) / 0.2)
+
+
+def two_waves(q4):
+    return 3e-3 * np.cos(q4 + 0.4) + 1.5e-3 * np.cos(2.0 * q4 - 1.0)
+
+
+def a_wave_and_a_ripple(q4):
+    return 3e-3 * np.cos(q4 + 0.4) + 1.5e-3 * np.cos(9.0 * q4 - 1.0)
+
+
+@pytest.fixture(scope="module")
+def study_of(tmp_path_factory, library):
+    """Studies of a WAM without gear ratios whose joint 4 has an error that follows its angle."""
+    folder = tmp_path_factory.mktemp("data")
+    table = poses.arm_toml(folder / "arm.toml")
+    table.write_text(re.sub("gear_ratio = .*", "", table.read_text()))
+
+    def study(error):
+        def true_q(q, _direction):
+            return q + JOINT_4 * error(q[3])
+
+        path = poses.poses_csv(folder / f"{error.__name__}.csv", 80, 31, true_q, noise_size=0.3)
+        return Study.of(compare(wb.read_arm(table), wb.read_csv(path, 7)), library, (), True)
+
+    return study
+
+
+def kept(study, *names):
+    effects = choose_constants(study.library, names, study.base.arm, study.base.data)
+    return tuple(Kept(h, "accepted", None) for h in effects)
+
+
+@pytest.mark.parametrize("error", [bump, kink])
+def test_pieces_of_a_smooth_function_are_not_named(study_of, error):
+    study = study_of(error)
+    pieces = kept(study, "encoder_harmonic2[4]", "joint_ripple[4]")
+    assert without_pieces(study, pieces, {}) == ()
+    before = study.posterior(())
+    top = before.top_unnamed.best
+    assert before.unnamed_wins and (top.location, top.drivers) == ("joint 4", ("q4",))
+
+
+@pytest.mark.parametrize(
+    ("error", "names"),
+    [
+        (two_waves, ("encoder_eccentricity[4]", "encoder_harmonic2[4]")),
+        (a_wave_and_a_ripple, ("encoder_eccentricity[4]", "joint_ripple[4]")),
+    ],
+)
+def test_waves_that_are_there_keep_their_names(study_of, error, names):
+    found = without_pieces(study_of(error), given := kept(study_of(error), *names), {})
+    assert [k.effect for k in found] == [k.effect for k in given]
+    assert all(k.identity > 0.8 and k.ties == ("unnamed[joint 4: q4]",) for k in found)
+
+
+def test_the_best_of_several_functions_pays_for_their_number(study_of):
+    scorer = study_of(bump).scorer(())
+    [cell] = [s for s in scorer.map(double=False) if s.name == "joint 4 | q4"]
+    assert scaled_p(cell, 1.0) == pytest.approx(4.0 * flat_p(cell.score.chi2, cell.score.rank))
