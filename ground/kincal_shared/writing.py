@@ -11,6 +11,8 @@ from pathlib import Path
 
 from kincal_shared.errors import BadInput
 
+MARK = ".kincal"
+"""In a folder: whose files there may be replaced, a line for each kind of them."""
 _LETTERS = 50  # of its name that a file begun has, as names have a largest length
 _FULL = "free space there, or name a place on another disk"
 WHAT_TO_DO = {
@@ -28,6 +30,27 @@ def keep_inputs(files: Iterable[Path], inputs: Iterable[Path]) -> None:
     for file in files:
         if os.path.realpath(file) in kept:
             raise BadInput("is an input, and would be overwritten", str(file), "choose another name")
+
+
+def claim(folder: Path, files: str, names: Iterable[str], *, former: bool = False) -> None:
+    """Make a folder for files of these names, or take it over from an earlier time: a mark says that they
+    may be replaced. BadInput if one of them is there without it: somebody else made it. files: what they are,
+    such as "a run"; former: they are known to be ours, from versions that left no mark."""
+    mark = folder / MARK
+    known = mark.read_text("utf-8").splitlines() if mark.is_file() else []
+    if files in known:
+        return
+    if not former and (others := sorted(name for name in names if os.path.lexists(folder / name))):
+        raise BadInput(
+            f"holds {others[0]}, which would be replaced, and no mark ({MARK}) that it is of {files}",
+            str(folder),
+            "name a new or empty folder, or move that file away",
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        mark.write_text("\n".join([*known, files]) + "\n", "utf-8")
+    except OSError as error:
+        raise cannot_write(folder, error) from None
 
 
 def write_file(path: Path, content: str | bytes) -> Path:

@@ -12,6 +12,7 @@ from typing import Any
 
 from kincal_shared.errors import BadInput
 from kincal_shared.keys import JOURNAL, JOURNAL_END, RUN_KEYS
+from kincal_shared.writing import claim
 
 from .scenario import Scenario
 
@@ -24,14 +25,32 @@ RESULT, TRUTH, CONTACTS, LAUNCH, LOG = (
 )
 PROCESSES = ("fsw", "detector", "executive", "server")
 """Whose output lies in logs/."""
+ERRORS, SUMMARY = "launch.err", ("summary.html", "summary.json", "summary.png")
+"""What `kincal run` adds."""
+
+
+def take(out: Path) -> None:
+    """Make the folder, or take it over from an earlier run. BadInput if a file that a run would replace is
+    there, and no run has left it."""
+    of_runs = [str(path.relative_to(out)) for path in _left_in(out, with_store=True)]
+    claim(out, "a run", [*of_runs, RUN_KEYS, ERRORS, *SUMMARY], former=_is_run(out))
+
+
+def _is_run(out: Path) -> bool:
+    """Whether the folder holds what a run leaves, also one of a version that set no mark."""
+    with suppress(OSError, ValueError, TypeError):
+        return {"scenario", "seed", "mode"} <= set(read(out / LAUNCH) or read(out / TRUTH))
+    return False
 
 
 def prepare(out: Path, store: Path | None = None) -> Path:
     """Make the folder, remove what an earlier run left in it, and nothing else. Returns the store of flight:
-    the given one, or an empty one in the folder. BadInput if a review journal of no run lies there."""
-    out.mkdir(parents=True, exist_ok=True)
-    if store is None:
-        _put_journal_aside(out)
+    the given one, or an empty one in the folder. BadInput if files of no run, or a review journal of none,
+    would be replaced there."""
+    journal = _journal_in(out) if store is None else []
+    take(out)
+    if journal:
+        _put_aside(out, journal)
     for path in _left_in(out, store is None):
         path.unlink(missing_ok=True)
     with suppress(OSError):  # not there, or somebody else's files are in it
@@ -50,19 +69,24 @@ def _left_in(out: Path, with_store: bool) -> Iterator[Path]:
             yield from (out / "store").glob(f"k[0-9][0-9].{slot}")
 
 
-def _put_journal_aside(out: Path) -> None:
+def _journal_in(out: Path) -> list[Path]:
+    """Files of the review journal of an earlier run. BadInput if it is of none."""
+    journal = out / JOURNAL
+    there = [path for path in (journal, out / (JOURNAL + JOURNAL_END)) if path.exists()]
+    if there and not (out / RUN_KEYS).exists():
+        raise BadInput("the folder holds a review journal of no run", str(journal), "name another folder")
+    return there
+
+
+def _put_aside(out: Path, journal: list[Path]) -> None:
     """The review journal of an earlier run, with the key that vouches for its lines, into earlier-N: a new
     run has another key, by which that journal would look changed."""
-    journal, keys = out / JOURNAL, out / RUN_KEYS
-    there = [path for path in (journal, out / (JOURNAL + JOURNAL_END)) if path.exists()]
-    if not there:
-        return
-    if not keys.exists():
-        raise BadInput("the folder holds a review journal of no run", str(journal), "name another folder")
     aside = next(path for n in count(1) if not (path := out / f"earlier-{n}").exists())
     aside.mkdir()
-    shutil.copy2(keys, aside / RUN_KEYS)  # the run makes its own; one that was named stays where it is
-    for path in there:
+    shutil.copy2(
+        out / RUN_KEYS, aside / RUN_KEYS
+    )  # the run makes its own; one that was named stays where it is
+    for path in journal:
         path.rename(aside / path.name)
 
 

@@ -286,11 +286,12 @@ def test_killed_worker_and_killed_command_lose_and_repeat_nothing(whole, tmp_pat
     kept = [(part, part.read_bytes()) for part in store.parts(tmp_path / "out")]
     assert kept
     (tmp_path / "out" / "part-000009.parquet.tmp").write_bytes(b"half")
+    (tmp_path / "out" / "mine.tmp").write_text("of somebody else")
     end = run(campaign.prepare(path), tmp_path / "out", batch=2)
     assert end.done == CASES
     assert end.flown <= CASES - len(kept)
     assert all(part.read_bytes() == data for part, data in kept)
-    assert not list((tmp_path / "out").glob("*.tmp"))
+    assert [path.name for path in (tmp_path / "out").glob("*.tmp")] == ["mine.tmp"]
     assert rows(tmp_path / "out") == rows(undisturbed)
 
 

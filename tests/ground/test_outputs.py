@@ -128,6 +128,18 @@ def test_measurements_are_never_written_over(tmp_path, monkeypatch, command, out
     assert (tmp_path / "run1.csv").read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "words",
+    [("table", "build"), ("space", "build"), ("arm", "import", "-o"), ("model", "uplink", "--model", "-o")],
+)
+def test_what_people_wrote_is_never_written_over_by_what_is_made_of_it(tmp_path, words):
+    mine = tmp_path / "mine.toml"
+    mine.write_bytes((SRC / "kernel.toml").read_bytes())
+    given = [*words[:-1], mine, "-o", mine] if words[-1] == "-o" else [*words, mine, mine]
+    assert "is an input, and would be overwritten" in refused(*given)
+    assert mine.read_bytes() == (SRC / "kernel.toml").read_bytes()
+
+
 # --------------------------------------------------------------------------- no room
 
 

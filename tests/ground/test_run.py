@@ -49,6 +49,7 @@ def missed(result_, expected=EXPECTED, done=None, **changes):
 
 def test_a_run_removes_what_an_earlier_one_left_and_nothing_else(tmp_path):
     out = tmp_path / "out"
+    outputs.prepare(out)
     mine = [out / "logs" / "mine.out", out / "store" / "mine.txt", out / "notes.txt"]
     old = [out / "logs" / "fsw.err", out / "store" / "k04.a", out / "store" / "k18.tmp", out / "run.lcmlog"]
     for path in (*mine, *old):
@@ -62,6 +63,24 @@ def test_a_run_removes_what_an_earlier_one_left_and_nothing_else(tmp_path):
     old[1].write_text("a")
     assert outputs.prepare(out, store=tmp_path / "kept") == tmp_path / "kept"
     assert old[1].exists()
+
+
+@pytest.mark.parametrize("name", ["truth.json", "summary.html", "store.keys", "logs/fsw.out", "store/k04.a"])
+def test_a_run_replaces_no_file_that_somebody_else_made(tmp_path, name):
+    """`kincal run --out FOLDER` took any file of the names that it writes for its own."""
+    mine = tmp_path / name
+    mine.parent.mkdir(exist_ok=True)
+    mine.write_text("{}")
+    for begin in (outputs.prepare, lambda out: run.Processes(request(out=out, mode="pixels"))):
+        with pytest.raises(BadInput, match=f"(?s)holds {name}, which would be replaced.*name a new or empty"):
+            begin(tmp_path)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [mine] and mine.read_text() == "{}"
+
+
+def test_a_run_of_a_version_without_mark_is_taken_over(tmp_path):
+    (tmp_path / "launch.json").write_text('{"scenario": "paper", "seed": 1, "mode": "fast"}')
+    outputs.prepare(tmp_path)
+    assert not (tmp_path / "launch.json").exists()
 
 
 def test_a_run_puts_the_journal_of_an_earlier_one_aside_with_its_key(tmp_path):

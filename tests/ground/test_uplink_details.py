@@ -445,6 +445,12 @@ def test_tables_to_fly_with_are_those_there_with_new_terms_and_no_correction(arm
         uplink.flight_tables(out, tmp_path / "a" / "." / "b", terms)
     with pytest.raises(BadInput, match="no table image"):
         uplink.flight_tables(tmp_path, tmp_path / "c", terms)
+    uplink.flight_tables(BIN, out, terms)  # again
+    (tmp_path / "others").mkdir()
+    (tmp_path / "others" / "kin.tbl").write_bytes(b"in force")
+    with pytest.raises(BadInput, match="holds kin.tbl, which would be replaced"):
+        uplink.flight_tables(BIN, tmp_path / "others", terms)
+    assert [path.read_bytes() for path in (tmp_path / "others").iterdir()] == [b"in force"]
 
 
 # ------------------------------------------------------------------------ bounds

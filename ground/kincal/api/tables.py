@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from kincal import tables
 from kincal.link import write_image
 from kincal_shared.errors import BadInput
-from kincal_shared.writing import write_files
+from kincal_shared.writing import keep_inputs, write_files
 
 if TYPE_CHECKING:
     from kincal.flight.tables import Image, Table
@@ -30,6 +30,7 @@ def build(source: Path, tables_dir: Path | None = None) -> Image:
 def build_files(source: Path, out: Path, tables_dir: Path | None = None) -> list[tuple[Path, Image]]:
     """Images of a source, or of every source in a folder: all of them are written, or none."""
     if not source.is_dir():
+        keep_inputs([out], [source])
         image = build(source, tables_dir or out.parent)
         write_image(image, out)
         return [(out, image)]

@@ -144,8 +144,6 @@ class Store:
         os.close(self._lock)
 
     def _open(self) -> None:
-        for left in self.folder.glob("*.tmp"):
-            left.unlink()
         new = manifest_of(self.plan)
         if (self.folder / MANIFEST).exists():
             old = read_manifest(self.folder)
@@ -158,6 +156,8 @@ class Store:
                 )
         elif parts(self.folder):
             raise BadInput(f"the folder has cases but no {MANIFEST}", str(self.folder), "name another folder")
+        for left in (*self.folder.glob("part-*.parquet.tmp"), *self.folder.glob(f"{MANIFEST}.tmp")):
+            left.unlink()  # begun by a process that was killed; nobody else's
         self._of = _belonging(new)
         self._kinds = kinds_of(self.folder)
         if self.plan.spec.function:

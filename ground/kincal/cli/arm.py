@@ -68,8 +68,9 @@ def import_command(urdf: Path, base: str | None, tip: str | None, out_path: Path
     """
     from kincal.arms import import_urdf
     from kincal.cli.text import arm as text
-    from kincal_shared.writing import write_file
+    from kincal_shared.writing import keep_inputs, write_file
 
+    keep_inputs([out_path], [urdf])
     made = import_urdf(urdf, base, tip)
     write_file(out_path, made.text)
     click.echo(text.imported(made, out_path))

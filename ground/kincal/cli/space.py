@@ -52,7 +52,9 @@ def space_build(description: Path, out: Path, tables_dir: Path, picture: Path | 
         kincal space build tables/src/space.toml out/space.tbl --picture out/space.png
     """
     from kincal import space as lib
+    from kincal_shared.writing import keep_inputs
 
+    keep_inputs([out], [description])
     out_console = console()
     with progress() as tick:
         built = lib.build(lib.read_description(description), tables_dir, tick, processes)

@@ -24,9 +24,11 @@ class Processes:
 
     def __init__(self, request: Request) -> None:
         _check_installation(request)
-        request.out.mkdir(parents=True, exist_ok=True)
+        from kincal_sim import outputs  # only now is it known to be there
+
+        outputs.take(request.out)
         # stderr to a file: a full pipe must not stop the launcher
-        self._errors = (request.out / "launch.err").open("w+", encoding="utf-8")
+        self._errors = (request.out / outputs.ERRORS).open("w+", encoding="utf-8")
         self.child = subprocess.Popen(
             request.command(), stdout=subprocess.PIPE, stderr=self._errors, text=True
         )

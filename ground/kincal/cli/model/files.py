@@ -216,12 +216,14 @@ def uplink_command(
     from kincal.api.models import for_flight
     from kincal.cli.text import model as text
     from kincal.workbench.model.uplink import flight_tables
-    from kincal_shared.writing import write_file
+    from kincal_shared.writing import keep_inputs, write_file
 
     read = given.checked if given else None
+    out = out_path or model_path.with_suffix(".tbl")
+    measured = given.paths if given else ()
+    keep_inputs([out], [model_path, *effect_files, *measured, *([arm_path] if arm_path else [])])
     made = for_flight(model_path, tables_dir, effect_files, arm_path, read, drop)
     image = made.image
-    out = out_path or model_path.with_suffix(".tbl")
     write_file(out, image.data)
     click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}; {made.compared}")
     click.echo(f"bounds within what {tables_dir / 'space.tbl'} was verified for, plus a tenth")

@@ -15,7 +15,7 @@ from kincal.flight.terms import Coefficient, fill_terms
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.arm import ArmTable
 from kincal_shared.schema.names import PNP, is_unnamed
-from kincal_shared.writing import write_files
+from kincal_shared.writing import claim, write_files
 
 from . import capacity
 from .effects import Hypothesis
@@ -315,7 +315,8 @@ def term_image(
 
 def flight_tables(source: Path, out: Path, terms: tables.Image) -> list[Path]:
     """A directory of table images to fly with: those of `source`, these terms, and no correction yet (the
-    one in force belongs to the old terms). Returns its files. BadInput if there is nothing to copy."""
+    one in force belongs to the old terms). Returns its files. BadInput if there is nothing to copy, or if
+    images of others would be replaced."""
     if source.resolve() == out.resolve():
         raise BadInput(f"{out} holds the tables to copy; name another directory")
     images = sorted(source.glob("*.tbl"))
@@ -324,4 +325,5 @@ def flight_tables(source: Path, out: Path, terms: tables.Image) -> list[Path]:
     kin = library("flight").new("kc_kin_t")
     kin.n_coef = tables.decode_as("terms", terms.data)[1].n_coef
     new = {"terms.tbl": terms.data, "kin.tbl": tables.encode("kin", kin).data}
+    claim(out, "model uplink --fly", [image.name for image in images])
     return write_files({out / image.name: new.get(image.name) or image.read_bytes() for image in images})
