@@ -737,3 +737,13 @@ def test_poses_with_which_calibration_makes_the_arm_worse_are_no_reason_to_calib
     (step,) = advice.next_steps(d, (), advice.Inputs("arm.toml", ("--data", "ten.csv")))
     assert "measure more poses" in step.why and "2.755 to 2.930 mm" in step.why
     assert step.command == "kincal model check --arm arm.toml --data ten.csv"
+
+
+def test_calibration_that_helps_only_with_the_effects_is_advised_with_them(found):
+    """DH parameters absorbed a part of a step: the answer had it, and the advice was not to calibrate."""
+    errors = found.d.advised.errors
+    dh = replace(errors[1], usual=(2.0 * errors[0].usual[0], None))
+    d = replace(found.d, advised=replace(found.d.advised, errors=(errors[0], dh, *errors[2:])))
+    steps = advice.next_steps(d, (), advice.Inputs("arm.toml", ("--data", "d.csv")))
+    assert [step.command.split()[2] for step in steps][:4] == ["fit", "add", "fit", "export"]
+    assert "not to be used without the effects below" in steps[0].why

@@ -81,7 +81,8 @@ def run(
     SCENARIO is a file or a name from sim/scenarios. Prints one line a pose, then true and estimated values
     of all corrections, then the pose error over held-out poses before and after. Local initial poses, small
     joint motions about the park pose, come before the poses asked for. In --out files of an earlier run are
-    replaced, never those of others. Status 1 when the calibration failed or an acceptance criterion was missed.
+    replaced, never those of others. Status 1 when the calibration failed or an acceptance criterion was
+    missed.
 
     \b
     Examples:

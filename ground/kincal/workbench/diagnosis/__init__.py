@@ -25,6 +25,7 @@ from .advised import advised, texts_of
 from .findings import Diagnosis, EffectFinding, ParameterValue, Remainder, UnnamedFinding, conclude, promising
 from .guard import correlated_noise, holding, never_worse
 from .heldout import HeldGain
+from .instead import instead
 from .selection import MAX_EFFECTS, select
 from .study import Model, Study
 
@@ -63,14 +64,18 @@ def diagnose(
         what = f"evidence beside {model[-1].name}" if model else "evidence"
         progress(what, 1 + len(model), _STEPS)
 
+    def of_all(study: Study) -> Study:
+        return study.judging(comparison)
+
     progress("fit", 0, _STEPS)
     comparison, part = compare(arm, data, hypotheses, dh=dh, begin=begin), searched(data)
     of_part = comparison if part is data else compare(arm, part, hypotheses, dh=dh)
     study = Study.of(of_part, library, hypotheses, dh)
     found = select(study, taking)
     progress("check", _STEPS - 1, _STEPS)
-    evaluation = study.judging(comparison)
-    kept = never_worse(study, found, evaluation)
+    evaluation = of_all(study)
+    study, kept = instead(study, never_worse(study, found, evaluation), taking, of_all)
+    evaluation = of_all(study)
     serial = correlated_noise(evaluation, kept.model)
     if serial is not None:
         evaluation = evaluation.by_stretches()

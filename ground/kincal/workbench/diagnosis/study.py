@@ -36,6 +36,7 @@ T = TypeVar("T")
 TURNS = 5  # folds, where all poses take turns in being held out
 _LEAST_IN_TURNS = 8  # poses
 _FITTED_ANEW = 300  # poses up to which each turn is a fit of its own
+_OF_COMPETITION = ("beside", "for")  # what a study remembers of the effects that compete
 _ROWS_EACH = 4.0  # degrees of freedom that each coefficient of an effect needs
 
 
@@ -57,7 +58,7 @@ class Study:
     competition: Competition
     weight: Array
     in_stretches: bool = False
-    _memory: dict[object, object] = field(default_factory=dict, repr=False)
+    _memory: dict[tuple[object, ...], object] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, comparison: Comparison, library: Library, given: Sequence[Hypothesis], dh: bool) -> Study:
@@ -78,6 +79,11 @@ class Study:
     def by_stretches(self) -> Study:
         """The same study, judged by stretches of the session that are held out."""
         return replace(self, in_stretches=True, _memory={})
+
+    def without(self, effect: str) -> Study:
+        """The same study with an effect that does not compete."""
+        fits = {key: known for key, known in self._memory.items() if key[0] not in _OF_COMPETITION}
+        return replace(self, competition=self.competition.without(effect), _memory=fits)
 
     @property
     def base(self) -> Fit:
@@ -112,7 +118,7 @@ class Study:
         split = self.comparison.split
         return self.weight if split.given else self.weight[split.fit]
 
-    def _remembered(self, key: object, make: Callable[[], T]) -> T:
+    def _remembered(self, key: tuple[object, ...], make: Callable[[], T]) -> T:
         if key not in self._memory:
             self._memory[key] = make()
         return self._memory[key]  # type: ignore[return-value]
@@ -355,6 +361,8 @@ class Study:
 
     def held_change(self, before_it: Model, after_it: Model) -> HeldGain:
         """What held-out poses gain from one model in the place of another."""
+        if not self.has_held_out:
+            return NO_HELD_OUT
         before, after = self._held(before_it), self._held(after_it)
         groups = self._alike
         gain = HeldGain.of(_square(before), _square(after), groups, cross_validated=self._few)

@@ -103,6 +103,10 @@ class Competition:
         taken = [h.name for h in model]
         return tuple(c.agreeing(assumed) for c in self.candidates if _is_open(c, taken))
 
+    def without(self, effect: str) -> Competition:
+        """The same without an effect, wherever it acts."""
+        return replace(self, candidates=tuple(c for c in self.candidates if c.effect.name != effect))
+
     def with_itself(self, open_: Sequence[Candidate], h: Hypothesis) -> tuple[Candidate, ...]:
         """Candidates for the place of an effect of the model, with that effect itself: at some joints it
         shares the prior of that at all of them; a second one stays when the first has left the model."""

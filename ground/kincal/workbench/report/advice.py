@@ -88,21 +88,43 @@ def _kincal(*words: str) -> str:
 
 
 def _worse_calibrated(d: Diagnosis, inputs: Inputs) -> Step | None:
-    """Held-out poses are predicted worse after DH calibration than by the nominal arm: no fit of these poses
-    is to be used."""
-    errors = {e.model: e.usual[0] for e in d.advised.errors if e.block == HELD_OUT}
-    if inputs.model or not errors or DH not in errors or errors[DH] < errors[NOMINAL]:
+    """Held-out poses are predicted worse after DH calibration than by the nominal arm, and no better with the
+    effects that were found: no fit of these poses is to be used."""
+    errors = _usual_held(d)
+    if inputs.model or not _worse_by_dh(d) or [*errors.values()][-1] < errors[NOMINAL]:
         return None
     return Step(
         "measure more poses, and do not calibrate with these alone: after DH calibration, held-out poses are "
-        f"predicted worse than by the nominal arm ({_fall(errors[NOMINAL], errors[DH])})",
+        f"predicted worse than by the nominal arm ({_by_dh(d)})",
         _kincal("check", *inputs.sources),
     )
+
+
+def _usual_held(d: Diagnosis) -> dict[str, float]:
+    """Error of the held-out poses without outliers [m] by model."""
+    return {e.model: e.usual[0] for e in d.advised.errors if e.block == HELD_OUT}
+
+
+def _worse_by_dh(d: Diagnosis) -> bool:
+    errors = _usual_held(d)
+    return DH in errors and errors[DH] >= errors[NOMINAL]
+
+
+def _by_dh(d: Diagnosis) -> str:
+    errors = _usual_held(d)
+    return _fall(errors[NOMINAL], errors[DH])
 
 
 def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     """DH calibration alone, of an arm that has none yet."""
     if inputs.model:
+        return
+    if _worse_by_dh(d):
+        why = f"not to be used without the effects below: held-out error {_by_dh(d)}"
+        yield Step(
+            f"calibrate the DH parameters and frames of the arm; {why}",
+            _kincal("fit", *inputs.sources, *inputs.written),
+        )
         return
     errors = {e.model: e for e in d.advised.errors}
     gain = ""
