@@ -18,7 +18,7 @@ from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench.diagnosis import ParameterValue, competing
-from kincal.workbench.evidence.adequacy import UNKNOWN, NoiseFloor, Outliers
+from kincal.workbench.evidence.adequacy import STATED, UNKNOWN, NoiseFloor, Outliers
 from kincal.workbench.evidence.serial import Serial
 from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.fit.length_scale import length_scale
@@ -313,6 +313,18 @@ def test_nothing_is_missing_only_where_the_model_explains_the_data(found, explai
         serial=serial,
     )  # fmt: skip
     assert said in explain.verdict(d)
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [(1.0 / 3.0, "explain these data: what is left is 3.0 times the stated noise."), (0.9, "data.")],
+)
+def test_what_is_left_far_beyond_a_known_noise_is_said_in_the_verdict(found, share, said):
+    c = found.d.comparison
+    c = replace(c, noise_floor=NoiseFloor(share * c.rms["fit"][0], None, STATED))
+    d = replace(found.d, comparison=c, verdict="adequate", effects=(), adequate_after=False,
+                outliers=Outliers((), 120))  # fmt: skip
+    assert explain.verdict(d).endswith(said)
 
 
 def test_noise_that_is_stated_far_above_what_is_left_may_be_in_another_unit(found):

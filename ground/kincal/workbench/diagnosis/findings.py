@@ -29,7 +29,7 @@ from ..evidence.bayes_factors import LAMBDAS
 from ..evidence.constants import choose_constants
 from ..evidence.curves import Curve, curves
 from ..evidence.neighbours import Alike
-from ..evidence.scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
+from ..evidence.scoring import Scored, family_p, scaled_p
 from ..evidence.serial import Serial
 from ..evidence.smooth import smooth_effect
 from ..evidence.unnamed import Cell, cells
@@ -361,7 +361,7 @@ def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tu
 
     def chosen(fit: Fit) -> Hypothesis | None:
         try:
-            return smooth_effect(name, Scorer(fit, bulk_weights(fit), study.stated)).hypothesis
+            return smooth_effect(name, study.scorer_at(fit, model)).hypothesis
         except CannotAnswer:
             return None
 

@@ -13,6 +13,7 @@ from ..data.measurements import Measurements
 from ..data.split import Split
 from ..evidence.adequacy import ADEQUATE_P, lack_of_fit, noise_floor
 from ..evidence.scoring import Scorer, bulk_weights, of_known_moves, robust_weights
+from ..evidence.swing import swing
 from ..fit.least_squares import Fit, fit_model, rms
 from ..fit.thinning import MANY, part_of
 from ..model.effects import Hypothesis, Library
@@ -148,15 +149,27 @@ class Study:
         return max(min(room_for(self.fit(model).parameters), by_poses), 0)
 
     def scorer(self, model: Model, drop: Model = (), granted: Array | None = None) -> Scorer:
-        """Scores at the fit of this model; drop, granted: as of `Scorer`."""
+        """Scores at the fit of this model; drop, granted: as of `Scorer`. A frame that swings with time is
+        fitted with it, and competes like what is dropped: in its noise it would hide."""
         of_moves = any(h.of_last_move for h in (*self.given, *model))
         weight = of_known_moves(self.weight, self.base.data) if of_moves else self.weight
-        return Scorer(self.fit(model), weight, self.stated, drop=drop, granted=granted)
+        fit, wave = self._with_swing(self.fit(model), model)
+        return Scorer(fit, weight, self.stated, drop=(*drop, *wave), granted=granted)
+
+    def _with_swing(self, fit: Fit, model: Model) -> tuple[Fit, Model]:
+        """A fit of a model with the swing that it leaves, and that swing; itself where it leaves none."""
+        if (wave := swing(fit)) is None:
+            return fit, ()
+        return self._fit_to(fit.data, fit, (*model, wave)), (wave,)
 
     def held_scorer(self, model: Model) -> Scorer:
         """Scores at the fit of this model without the held-out poses, if there are some."""
-        fit = self.held_fit(model) if self.has_held_out else self.fit(model)
-        return Scorer(fit, bulk_weights(fit), self.stated)
+        return self.scorer_at(self.held_fit(model) if self.has_held_out else self.fit(model), model)
+
+    def scorer_at(self, fit: Fit, model: Model) -> Scorer:
+        """The same at a fit of this model to any poses."""
+        fit, wave = self._with_swing(fit, model)
+        return Scorer(fit, bulk_weights(fit), self.stated, drop=wave)
 
     def posterior(self, model: Model) -> Posterior:
         """What this model leaves to explain, and by what."""

@@ -14,12 +14,12 @@ import numpy as np
 
 from ..data.measurements import Measurements
 from ..fit.columns import Columns
+from ..model.shapes import SWINGS
 from ..numerics.types import Array, array
 from .unnamed import Cell, Driver, leading_features, locations, rbf, session_driver, unit_variance
 
 _PERIODIC = (0.5, 0.25)  # lengths of kernels of an angle [rad]
 _OPEN = 2.0  # of one that knows no turn, in standard deviations: straight lines, squares, cubes
-_PERIODS = array(np.arange(1.0, 6.25, 0.5))  # of a wave in the session: what heats up by day swings like that
 _MOST = 24  # columns
 _KEPT, _KEPT_OPEN = 0.999, 0.99999  # of a kernel's variance: a cube is a small part of a smooth one
 _MOVING = ("base translation", "base rotation", "camera translation", "camera rotation")
@@ -53,7 +53,7 @@ def _drivers(
     if data.t_s is None or np.ptp(data.t_s) <= 1e-9:
         return tuple(angles), ()
     share = (data.t_s - data.t_s.min()) / np.ptp(data.t_s)
-    return tuple(angles), tuple(Driver(session_driver(data), _wave(share, k)) for k in _PERIODS)
+    return tuple(angles), tuple(Driver(session_driver(data), _wave(share, k)) for k in SWINGS)
 
 
 def _periodic(q: Array, length: float) -> Array:

@@ -23,7 +23,7 @@ from ..fit.columns import Columns
 from ..fit.least_squares import Fit
 from ..model.effects import Hypothesis, Parameter, Term
 from ..model.places import TYPICAL_SIZE, ErrorPlace, find_place
-from ..model.shapes import FAMILIES, Shape, Variable, is_angle, shapes, variable_basis, waves
+from ..model.shapes import FAMILIES, Shape, Variable, is_angle, shapes, swings, variable_basis, waves
 from ..model.unnamed_names import UnnamedName
 from ..numerics.types import Array
 from .bayes_factors import Score, ln_bayes_factor
@@ -90,7 +90,7 @@ def full_effect(name: UnnamedName, scorer: Scorer) -> SmoothEffect:
     place = find_place(name.place, fit.arm, fit.data)
     variables = [_variable(driver, scorer.columns) for driver in name.drivers]
     families = [(family, shapes(variables, family)) for family in _families(variables)]
-    fast = list(waves(variables)) if place.name.startswith("joint") else []
+    fast = [*(waves(variables) if place.name.startswith("joint") else ()), *swings(variables)]
     units = [
         SmoothEffect(name, family, 0.0, _hypothesis(name, place, functions), place)
         for family, functions in (*families, *fast)

@@ -37,6 +37,9 @@ WAVES = range(1, 7)
 FAST_WAVES = 3
 """One of the two has at least so many: slower ones are products of other shapes."""
 
+SWINGS = tuple(0.5 * k for k in range(2, 13))
+"""Periods in a session of what swings with the day."""
+
 Product = tuple[Basis, Basis]
 
 
@@ -122,6 +125,17 @@ def waves(variables: Sequence[Variable]) -> Iterator[tuple[str, tuple[Shape, ...
                              for v, n in zip(variables, (k, l), strict=True))  # fmt: skip
             every = tuple(Shape((a, b), 1.0) for a in first for b in second)
             yield f"{k} and {l} periods a turn", every
+
+
+def swings(variables: Sequence[Variable]) -> Iterator[tuple[str, tuple[Shape, ...]]]:
+    """Waves of time, by name: those of so many periods in the session, in any phase."""
+    if [v.basis.var for v in variables] != ["t"]:
+        return
+    [v] = variables
+    for k in SWINGS:
+        rate = _rounded(np.pi * k / v.half)
+        both = tuple(Shape((_scaled(v, fn, v.middle - v.half, rate), ONE), 1.0) for fn in ("cos", "sin"))
+        yield f"{k:g} periods in the session", both
 
 
 def _products(first: Sequence[Shape], second: Sequence[Shape]) -> Iterator[Shape]:

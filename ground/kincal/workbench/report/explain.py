@@ -317,6 +317,7 @@ def of_order(fit: Fit) -> list[str]:
 
 _MOST_POSES = 1000  # more is no advice
 _FAR_BELOW = 0.05  # of the known noise: no fit leaves so little
+_FAR_BEYOND = 1.5  # times a known noise that is said in the verdict
 
 
 def cannot_decide(poses: Sequence[NextPose]) -> bool:
@@ -566,7 +567,7 @@ def _verdict(d: Diagnosis) -> str:
     if d.serial is not None and not taken and d.novel is None:
         return "The remaining error varies with time, and no effect is shown to cause it."
     if d.verdict == "adequate":
-        return "No effect is shown to be missing, yet the model does not explain these data."
+        return f"No effect is shown to be missing, yet the model does not explain these data{_beyond(d)}."
     if d.verdict == "undecidable" and d.comparison.turned is not None and not taken:
         return f"O{turned_frame(d.comparison.turned)[1:]}."
     if d.verdict == "undecidable" and d.novel is not None and not taken:
@@ -601,6 +602,15 @@ def _verdict(d: Diagnosis) -> str:
         with_them = _with("it" if len(shown) == 1 else "them", open_, d)
     named = [_with_others(e, d) for e in taken if e.name in accepted]
     return f"Consistent with {listed(named)}: {with_them}."
+
+
+def _beyond(d: Diagnosis) -> str:
+    """How far what is left is beyond a known noise; empty where that is little or unknown."""
+    known, left = d.comparison.noise_floor, d.comparison.rms["fit"][0]
+    if known.pos_m is None or left < _FAR_BEYOND * known.pos_m:
+        return ""
+    kind = "noise estimated from replicates" if known.source == REPLICATES else "stated noise"
+    return f": what is left is {left / known.pos_m:.1f} times the {kind}"
 
 
 def _more_than_noise(d: Diagnosis, shown: Sequence[str]) -> str:
