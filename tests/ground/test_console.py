@@ -506,6 +506,27 @@ def test_a_request_that_comes_twice_is_carried_out_once(live, flight):
     assert post(live, f"/api/review/{crc}/reject", by="B", why="w").status_code == 409  # no number
 
 
+@pytest.mark.parametrize("second", ["arm", "reject"])
+def test_of_two_decisions_about_a_correction_at_once_the_second_is_not_sent(live, flight, second):
+    """Two pages, each with a number of its own: both commands went to flight."""
+    at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "clean"}
+    assert see(live, "A").json()["ok"]
+    answers = {}
+    first = threading.Thread(
+        target=lambda: answers.update(first=post(live, f"{at}/arm", number="1", **words))
+    )
+    first.start()
+    while not flight.commands and first.is_alive():
+        time.sleep(0.002)
+    refused = post(live, f"{at}/{second}", number="2", **words)
+    first.join()
+    assert answers["first"].json()["ok"] and refused.status_code == 409
+    assert "about the same was under way when this one came: nothing was sent" in refused.json()["text"]
+    assert "look at what came of that one" in refused.json()["text"]
+    assert [o for o, _ in flight.commands] == [kcm.cmd_t.APPROVE_ARM]
+    assert post(live, f"{at}/reject", number="3", **words).json()["ok"]  # who has seen that may go on
+
+
 def test_a_number_that_another_request_had_is_not_answered_by_what_came_of_that(live, flight):
     """REJECT with the number of an ARM was answered "ok", and nothing was sent."""
     at, words = f"/api/review/{CRC:08x}", {"number": "1", "by": "A", "why": "clean"}

@@ -99,6 +99,23 @@ def test_another_choice_begins_anew(filled):
     assert filled.case.effects == [] and filled.case.past == []
 
 
+def test_two_choices_in_quick_succession_both_count(filled):
+    """Each page sent arm and measurements as it knew them: the second choice undid the first."""
+    console = Console("x", Geometry(BIN), None, None, None, filled)
+    client = TestClient(make_app(console, ACCESS), base_url=ORIGIN)
+    for path, body in (
+        ("choose", {"arm": "shipped: wam"}),
+        ("choose", {"data": ""}),
+        ("choose", {"data": "uploaded: poses.csv"}),
+        ("effects", {"effects": ["backlash[1]"], "without": []}),
+        ("effects", {"effects": ["backlash[2]"], "without": []}),
+        ("effects", {"effects": [], "without": ["backlash[1]"]}),
+    ):
+        assert client.post(f"/api/bench/{path}", headers=JSON, json=body).json()["ok"]
+    case = filled.case
+    assert (case.arm, case.data, case.effects) == ("shipped: wam", "uploaded: poses.csv", ["backlash[2]"])
+
+
 def finished(bench, seconds=60):
     deadline = time.monotonic() + seconds
     while bench.work.job.status == "running":

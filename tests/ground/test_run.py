@@ -14,8 +14,10 @@ from rich.console import Console
 from samples import CRC, progress, proposal, result, signed
 from test_flight_arm import wam
 
+import kcm
 from kincal import link, review, run, tables
 from kincal.cli.text import run as show
+from kincal.flight import library
 from kincal.pages import run as run_page
 from kincal.pages.page import Provenance
 from kincal.results import Criterion, HeldOut
@@ -188,6 +190,20 @@ def test_held_out_error_falls_to_zero_with_the_true_coefficients():
     after = evaluator.held_out(np.array([evaluator.errors.get(n, 0.0) for n in evaluator.names]))
     assert after.pos_m < 1e-12
     assert after.rot_rad < 1e-7
+
+
+def test_the_picture_shows_the_arm_once_for_each_pose():
+    """Measurements on the way were drawn as poses, so that most numbers stood at other places."""
+    at = library("flight").constant("KC_AT_CANDIDATE")
+    session = link.Session(1, progress=[progress(0), progress(1)])
+    for number, (pose, taken_at, q_rad) in enumerate(((1, at + 1, 0.3), (1, at, 0.1), (2, at, 0.2)), 1):
+        m = kcm.meas_t()
+        m.observation, m.pose, m.taken_at, m.q_rad = number, pose, taken_at, [q_rad] * 8
+        session.measure(m)
+    evaluator = run.Evaluator(BIN)
+    scene = evaluator.scene(session, evaluator.initial_coef)
+    alone = [evaluator.arm.points(np.full((1, 7), q))[0] for q in (0.1, 0.2)]
+    assert scene.skeletons.shape[0] == 2 and np.allclose(scene.skeletons, alone)
 
 
 def test_local_poses_are_told_from_candidates_in_pose_lines():

@@ -282,6 +282,8 @@ def _seek(asked: str, t_us: int) -> int:
 
 def _desk_routes(console: Console) -> list[Route]:
     def route(path: str, what: Callable[[Desk, Plain, Request], Plain], once: bool = True) -> Route:
+        commands = not path.endswith(("/seen", "/remark"))
+
         async def answer(request: Request) -> Response:
             desk = console.desk
             if desk is None:
@@ -290,8 +292,9 @@ def _desk_routes(console: Console) -> list[Route]:
             act = lambda: what(desk, body, request)  # noqa: E731
             if not once:
                 return _json(await to_thread.run_sync(act, limiter=aborts))
+            about = _subject(request) if commands else ""
             return _json(
-                await run_in_threadpool(desk.once, _text(body, "number"), act, _asked(request, body))
+                await run_in_threadpool(desk.once, _text(body, "number"), act, _asked(request, body), about)
             )
 
         return Route(path, answer, methods=["POST"])
@@ -355,9 +358,8 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
             if desk is None:
                 return _json({"ok": False, "text": "this is a recording: nothing can be sent"}, 409)
             act = lambda: what(kind(request), body)  # noqa: E731
-            return _json(
-                await run_in_threadpool(desk.once, _text(body, "number"), act, _asked(request, body))
-            )
+            number, asked = _text(body, "number"), _asked(request, body)
+            return _json(await run_in_threadpool(desk.once, number, act, asked, _subject(request)))
 
         return Route(path, answer, methods=["POST"])
 
@@ -460,8 +462,11 @@ def _bench_routes(bench: Bench, console: Console) -> list[Route]:
         Route("/api/bench/answer/{what}", _answer(lambda r: bench.answer(r.path_params["what"]))),
         Route("/api/bench/file/{what}/{name}", file),
         Route("/api/bench/upload", upload, methods=["POST"]),
-        route("choose", lambda b: bench.choose(_text(b, "arm"), _text(b, "data"))),
-        route("effects", lambda b: bench.effects(_names(b, "effects"))),
+        route("choose", lambda b: bench.choose(*(_text(b, k) if k in b else None for k in ("arm", "data")))),
+        route(
+            "effects",
+            lambda b: bench.effects(_names(b, "effects"), _names(b, "without") if "without" in b else None),
+        ),
         route("undo", lambda _b: bench.undo()),
         route("run", lambda b: bench.run(_text(b, "what"), _names(b, "alternatives"))),
         Route("/api/bench/own", _answer(lambda _r: {"sections": own.sections()}), methods=["GET"]),
@@ -493,6 +498,11 @@ def _text(body: Plain, key: str) -> str:
 def _asked(request: Request, body: Plain) -> str:
     """What a request says, to tell it from another one."""
     return f"{request.url.path} {json.dumps(body, sort_keys=True)}"
+
+
+def _subject(request: Request) -> str:
+    """What a request acts on: the correction, the kind of table, or flight itself."""
+    return " ".join(str(x).casefold() for x in request.path_params.values()) or "flight"
 
 
 def _number(value: Any, name: str) -> int:

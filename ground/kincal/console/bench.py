@@ -125,28 +125,36 @@ class Bench:
                 "now_s": time.time(),
             }
 
-    def choose(self, arm: str, data: str) -> Plain:
-        """Arm and measurements; another choice begins with DH errors alone."""
+    def choose(self, arm: str | None = None, data: str | None = None) -> Plain:
+        """Arm and measurements (None: as it is, whatever another page has chosen); another choice begins with
+        DH errors alone."""
         files = self.files()
         for name in (arm, data):
             if name and name not in files:
                 raise BadInput(f"no such file: {name[:200]}", todo="choose one of the list")
         with self._change() as case:
+            arm, data = case.arm if arm is None else arm, case.data if data is None else data
             if (arm, data) != (case.arm, case.data):
                 case.arm, case.data, case.effects, case.past, case.fits = arm, data, [], [], []
         return {"ok": True, "text": "chosen"}
 
-    def effects(self, names: list[str]) -> Plain:
-        """The model's effects from now on. BadInput for what is no name, no effect of the library, or at a
-        joint that the arm does not have."""
+    def effects(self, names: list[str], without: Sequence[str] | None = None) -> Plain:
+        """The model's effects from now on. without: those to remove; then `names` are added and others stay,
+        also those that another page added meanwhile. BadInput for what is no name, no effect of the library,
+        or at a joint that the arm does not have."""
         good = all(isinstance(name, str) and 0 < len(name) < 200 for name in names)
         if not good or len(names) > _MOST_EFFECTS:
             raise BadInput("these are no names of effects")
         self._known(names)
         with self._change() as case:
+            if without is not None:
+                names = [*(name for name in case.effects if name not in without), *names]
+            names = list(dict.fromkeys(names))
+            if len(names) > _MOST_EFFECTS:
+                raise BadInput(f"a model has at most {_MOST_EFFECTS} effects", todo="remove some of them")
             if names != case.effects:
                 case.past = [*case.past, list(case.effects)][-_MOST_UNDO:]
-                case.effects = list(dict.fromkeys(names))
+                case.effects = names
         return {"ok": True, "text": "effects: " + (", ".join(names) or "none")}
 
     def _known(self, names: list[str]) -> None:

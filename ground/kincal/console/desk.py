@@ -10,7 +10,7 @@ import math
 import tempfile
 import threading
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -85,6 +85,7 @@ class Desk:
     _values_by_crc: dict[int, changes.KinValues] = field(default_factory=dict)
     _missed_s: dict[int, float] = field(default_factory=dict)  # when a table was looked for in vain
     _done: OrderedDict[str, tuple[str, Plain | Exception]] = field(default_factory=OrderedDict)
+    _turns: Counter[str] = field(default_factory=Counter)  # requests carried out, by what they act on
     _accepted: dict[int, int] = field(default_factory=dict)  # by key: highest counter that flight accepted
     missing: str = ""  # what `journal_missing` found
     _noted: bool = False
@@ -169,13 +170,16 @@ class Desk:
 
     # ---- once
 
-    def once(self, number: str, what: Callable[[], Plain], asked: str = "") -> Plain:
+    def once(self, number: str, what: Callable[[], Plain], asked: str = "", about: str = "") -> Plain:
         """The answer, or the error, of a request with this number, which is carried out the first time only.
         One after the other: two signed commands at once would overtake each other. asked: what the request
-        says. CommandFailed if another one had this number: the answer to that is none to this one."""
+        says; about: what it acts on, empty: it may wait for others. CommandFailed if another one had this
+        number (the answer to that is none to this one), or if one about the same was under way when this one
+        came: whoever asks has not seen what came of that."""
         if not number or len(number) > _MOST_NUMBER:
             raise BadInput("the request has no number, or one that is too long")
         digest = hashlib.sha256(asked.encode("utf-8", "surrogatepass")).hexdigest()
+        turn = self._turns[about]
         with self._one:
             if number in self._done:
                 of, before = self._done[number]
@@ -188,10 +192,17 @@ class Desk:
                     raise before
                 return {**before, "again": True}
             try:
+                if about and self._turns[about] != turn:
+                    raise CommandFailed(
+                        "another request about the same was under way when this one came: nothing was sent",
+                        todo="look at what came of that one, then decide again",
+                    )
                 answer = what()
             except (KincalError, OSError) as error:
                 self._remember(number, digest, error)
                 raise
+            finally:
+                self._turns[about] += 1
             self._remember(number, digest, answer)
             return answer
 

@@ -24,7 +24,7 @@ MARKS = {"ucb": "circle", "random": "square", "dopt": "triangle-up", "vopt": "di
 MILLI = {"rad": "mrad", "m": "mm"}
 KINDS = {"rad": "Angles", "m": "Lengths"}
 _SEEN_M = 1e-6  # an error before calibration that is drawn; a healthy arm has none
-OBJECTIVE = "−f (eq. 6), largest residual = 1"
+OBJECTIVE = "Objective −f (eq. 6): size of the residual, largest = 1"
 HELD_OUT = "Held-out position error"
 
 
@@ -45,16 +45,16 @@ def arm(scene: Scene, result: RunResult) -> go.Figure:
     """The arm at the measured poses, the candidates and the camera."""
     figure = theme.figure(640, margin={"l": 0, "r": 0, "t": 8, "b": 0}, scene=scene3.layout())
     figure.add_traces(_scene_traces(scene, result))
-    return figure.update_layout(legend={"x": 0.0, "y": 1.0})
+    return figure.update_layout(legend={"x": 0.0, "y": 1.0, "itemsizing": "constant"})
 
 
 def _scene_traces(scene: Scene, result: RunResult) -> list[go.Scatter3d | go.Mesh3d]:
     n = len(scene.candidates)
-    cloud = scene3.dots(scene.candidates, theme.GREY, 2.2, f"{n} candidates", hoverinfo="skip")
+    cloud = scene3.dots(scene.candidates, theme.GREY, 1.6, f"{n} candidates", hoverinfo="skip")
     out = [
         scene3.ground_trace(scene),
         cloud,
-        *scene3.arm_traces(scene.skeletons, "arm at the measured poses"),
+        *scene3.arm_traces(scene.skeletons, "arm at the measured poses, blue first"),
     ]
     if len(scene.skeletons):
         tips = scene.skeletons[:, -1, :]
@@ -187,31 +187,25 @@ def _coef_text(c: CoefResult, unit: str) -> str:
 
 def sheet(result: RunResult) -> go.Figure:
     """The whole run in one picture: arm, progress, corrections."""
-    top = [
-        {"type": "scene", "colspan": 4},
-        *[None] * 3,
-        {"colspan": 3},
-        None,
-        None,
-        {"colspan": 3},
-        None,
-        None,
-    ]
-    bottom = [{"colspan": 5}, *[None] * 4, {"colspan": 5}, *[None] * 4]
     figure = make_subplots(
-        rows=2, cols=10, row_heights=[0.56, 0.44], vertical_spacing=0.14, horizontal_spacing=0.055,
-        specs=[top, bottom],
+        rows=3, cols=2, row_heights=[0.3, 0.3, 0.4], vertical_spacing=0.085, horizontal_spacing=0.085,
+        specs=[[{"type": "scene", "rowspan": 2}, {}], [None, {}], [{}, {}]],
         subplot_titles=("Arm and measured poses", OBJECTIVE, HELD_OUT,
                         *(coef_title(result.coefs, unit) for unit in MILLI)),
     )  # fmt: skip
-    theme.styled(figure, 1000, width=1500, title=headline(result), margin={"t": 96})
-    head = {"y": 0.985, "yanchor": "top"}
-    figure.update_layout(title=head, legend={"orientation": "h", "y": 0.465, "x": 0.42})
+    theme.styled(figure, 1360, width=1500, title=headline(result), margin={"t": 100})
+    right, top, below = figure.layout.xaxis.domain, figure.layout.yaxis.domain, figure.layout.scene.domain.y
+    legend = {"orientation": "h", "yanchor": "bottom"}
+    figure.update_layout(
+        title={"y": 0.985, "yanchor": "top"},
+        legend={**legend, "x": right[0], "y": top[1] + 0.03, "title": {"text": "poses chosen by "}},
+        legend2={"x": 0.0, "y": below[0] - 0.02, "yanchor": "bottom", "itemsizing": "constant"},
+    )
     if result.scene is not None:
-        traces = [trace.update(showlegend=False) for trace in _scene_traces(result.scene, result)]
+        traces = [trace.update(legend="legend2") for trace in _scene_traces(result.scene, result)]
         figure.add_traces(traces, rows=[1] * len(traces), cols=[1] * len(traces))
-        figure.update_layout(scene=scene3.layout())
-    _add_progress(figure, result, (1, 5), (1, 8))
-    add_corrections(figure, result.coefs, "rad", (2, 1))
-    add_corrections(figure, result.coefs, "m", (2, 6))
+        figure.update_layout(scene=scene3.layout(1.3), scene_camera_center_z=-0.38)  # room for the legend
+    _add_progress(figure, result, (1, 2), (2, 2))
+    add_corrections(figure, result.coefs, "rad", (3, 1))
+    add_corrections(figure, result.coefs, "m", (3, 2))
     return figure

@@ -16,9 +16,11 @@ CAMERA = {"eye": {"x": 1.13, "y": -1.56, "z": 0.7}, "center": {"x": 0.0, "y": 0.
 _GROUND_MARGIN_M = 0.1
 
 
-def layout() -> dict[str, Any]:
-    """Layout of a scene: names of the axes, true proportions, seen from the front right."""
-    return {**AXES, "aspectmode": "data", "camera": CAMERA}
+def layout(distance: float = 1.0) -> dict[str, Any]:
+    """Layout of a scene: names of the axes, true proportions, seen from the front right. distance: larger
+    where it has less width for its height."""
+    eye = {axis: distance * x for axis, x in CAMERA["eye"].items()}
+    return {**AXES, "aspectmode": "data", "camera": {**CAMERA, "eye": eye}}
 
 
 def line(points: np.ndarray, colour: str, width: float, name: str, **style: Any) -> go.Scatter3d:
@@ -61,7 +63,7 @@ def ground_trace(scene: Scene) -> go.Mesh3d:
 def arm_traces(skeletons: np.ndarray, name: str) -> list[go.Scatter3d]:
     """The arm at several poses (poses, points, 3), first dark to last bright, the last one in full."""
     out = [
-        line(bones, shade, 4, name, opacity=0.55, legendgroup="arms", showlegend=i == 0)
+        line(bones, shade, 3, name, opacity=0.35, legendgroup="arms", showlegend=i == 0)
         for i, (bones, shade) in enumerate(zip(skeletons, theme.shades(len(skeletons)), strict=True))
     ]
     if len(skeletons):
@@ -72,12 +74,16 @@ def arm_traces(skeletons: np.ndarray, name: str) -> list[go.Scatter3d]:
 
 
 def pose_trace(tips_m: np.ndarray, poses: Sequence[PoseLine]) -> go.Scatter3d:
-    """Tool positions (n, 3) of the measured poses, numbered, with their numbers on hover."""
+    """Tool positions (n, 3) of the measured poses, coloured in their order; numbers on hover, those of the
+    first and the last also beside them: all of them would hide the arm."""
+    ends = {0, len(poses) - 1}
     return go.Scatter3d(
-        x=tips_m[:, 0], y=tips_m[:, 1], z=tips_m[:, 2], mode="markers+text", name="measured poses, in order",
+        x=tips_m[:, 0], y=tips_m[:, 1], z=tips_m[:, 2], mode="markers+text",
+        name="measured poses, blue first",
         hovertext=[_pose_text(p) for p in poses], hoverinfo="text",
-        text=[str(p.number) for p in poses], textposition="top center", textfont={"size": 11},
-        marker={"size": 6, "color": list(range(1, len(tips_m) + 1)), "colorscale": theme.ORDER,
+        text=[str(p.number) if i in ends else "" for i, p in enumerate(poses)],
+        textposition="top center", textfont={"size": 12},
+        marker={"size": 3.5, "color": list(range(1, len(tips_m) + 1)), "colorscale": theme.ORDER,
                 "line": {"width": 1, "color": theme.PAPER}},
     )  # fmt: skip
 

@@ -135,9 +135,11 @@ class Evaluator:
         )
 
     def scene(self, session: Session, coef: Floats) -> Scene:
-        """Arm with the DH errors among coefficients (k,) at the measured joints."""
+        """Arm with the DH errors among coefficients (k,), once at each pose of the session."""
         arm = Arm.of_table(self.tables.arm, dict(zip(self.names, coef, strict=False)))
-        q_rad = np.array([m.q_rad[: arm.n] for m in session.measurements]).reshape(-1, arm.n)
+        measured = {m.pose: m for m in session.at_poses}  # not those on the way to a pose
+        at = [measured[p.pose].q_rad for p in session.progress if p.pose in measured]
+        q_rad = np.array([q[: arm.n] for q in at]).reshape(-1, arm.n)
         return space.scene(self.space, self.tables.arm, self.tables.camera, q_rad, arm.points)
 
 

@@ -84,22 +84,22 @@ function files() {
   const { arm, data } = state.case;
   const input = el("input", { type: "file", multiple: true, "aria-label": "Upload", accept: ".csv,.toml,.lcmlog,.npz,.parquet,.mat,.json", onchange: () => send([...input.files]) });
   show(parts.files, el("h2", {}, "Files"),
-    pick("Arm table", state.arms, arm, (v) => ({ arm: v, data })),
-    pick("Measurements", state.data, data, (v) => ({ arm, data: v })),
+    pick("Arm table", state.arms, arm, (v) => ({ arm: v })),
+    pick("Measurements", state.data, data, (v) => ({ data: v })),
     el("label", {}, "Upload a table (.toml) or measurements (.csv, .lcmlog, …)", input),
     el("p", { class: "muted small" }, `kept in ${store.about.bench}`));
 }
 
 async function send(list) {
-  let { arm, data } = state.case;
+  const files = {}; // only what is new: another page may have chosen the other one
   for (const file of list) {
     try {
       const said = await upload(file.name, await file.arrayBuffer());
       say(said.text);
-      if (file.name.endsWith(".toml")) arm = said.name; else data = said.name;
+      if (file.name.endsWith(".toml")) files.arm = said.name; else files.data = said.name;
     } catch (error) { say(error.message, false); return; }
   }
-  await act("choose", { arm, data });
+  await act("choose", files);
 }
 
 // ------------------------------------------------------------------ model
@@ -112,11 +112,11 @@ function model() {
   form.addEventListener("submit", (event) => { event.preventDefault(); if (input.value.trim()) add(input.value.trim()); });
   show(parts.model, el("h2", {}, "Model ", el("span", { class: "space" }), el("button", { type: "button", disabled: !past.length, title: past.length ? `back to: ${past.at(-1).join(", ") || "DH errors alone"}` : null, onclick: () => act("undo") }, "undo")),
     el("ul", { class: "effects" }, el("li", {}, el("span", {}, "DH errors, base and tool frame")),
-      effects.map((name) => el("li", {}, el("b", {}, name), el("button", { type: "button", "aria-label": `remove ${name}`, onclick: () => act("effects", { effects: effects.filter((e) => e !== name) }) }, "remove")))),
+      effects.map((name) => el("li", {}, el("b", {}, name), el("button", { type: "button", "aria-label": `remove ${name}`, onclick: () => act("effects", { effects: [], without: [name] }) }, "remove")))),
     form, el("p", { class: "small" }, el("a", { href: "#workbench/own" }, "An effect of your own …")), errorOfFits());
 }
 
-const add = (...names) => act("effects", { effects: [...state.case.effects, ...names] });
+const add = (...names) => act("effects", { effects: names, without: [] });
 
 // The held-out errors of all fits of this case: they have to fall.
 function errorOfFits() {
@@ -152,7 +152,7 @@ async function load() {
   follow();
   if (what === "own") {
     answer = null;
-    own(parts.answer, async (name) => { await act("effects", { effects: state.case.effects.includes(name) ? state.case.effects : [...state.case.effects, name] }); location.hash = "#workbench/fit"; });
+    own(parts.answer, async (name) => { await add(name); location.hash = "#workbench/fit"; });
     found();
     return;
   }
@@ -201,7 +201,7 @@ async function found() {
     same && all.length ? el("button", { type: "button", class: "primary", onclick: () => add(...all) }, all.length === 1 ? "add the effect found" : `add all ${all.length} effects found`) : null,
     got.findings.length ? el("ul", {}, got.findings.map((f) => el("li", {},
       el("p", {}, mark(f.found ? "ok" : "unknown", f.found ? "found" : "alternative"), " ", el("b", {}, f.label), ` ${f.found ? "found" : "alternative"}, ${f.probability > 0.99 ? "P > 0.99" : `P = ${f.probability.toFixed(2)}`}`),
-      el("p", { class: "small" }, f.gain), f.confounded.length ? el("p", { class: "small attention" }, `▲ cannot be distinguished from ${f.confounded.slice(0, 4).join(", ")}`) : null,
+      el("p", { class: "small" }, f.gain), f.confounded.length ? el("p", { class: "small attention" }, `▲ confounded with ${f.confounded.slice(0, 4).join(", ")}`) : null,
       mine.has(f.name) ? el("span", { class: "muted" }, "in the model") : same ? el("button", { type: "button", onclick: () => add(f.name) }, "add") : null)))
       : el("p", {}, "● These measurements show no missing effect."));
 }
