@@ -85,7 +85,8 @@ def load(path: Path, build_source: Callable[[Path], Image] = build) -> tuple[Ima
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise BadInput(f"cannot read: {error.strerror}", str(path)) from None
+        todo = "name a table image (*.tbl) or its source (*.toml)"
+        raise BadInput(f"cannot read: {error.strerror}", str(path), todo) from None
     return decode(data, str(path))
 
 
@@ -315,7 +316,11 @@ def diff(
     image_a, struct_a = load(a, build_source)
     image_b, struct_b = load(b, build_source)
     if image_a.kind != image_b.kind:
-        raise BadInput(f"{image_a.kind} and {image_b.kind} tables cannot be compared", f"{a} {b}")
+        raise BadInput(
+            f"{image_a.kind} and {image_b.kind} tables cannot be compared",
+            f"{a} {b}",
+            "name two tables of the same kind",
+        )
     flat_a, flat_b = flatten(readable(struct_a)), flatten(readable(struct_b))
     keys = dict.fromkeys((*flat_a, *flat_b))
     changes = [Change(k, flat_a.get(k), flat_b.get(k)) for k in keys if flat_a.get(k) != flat_b.get(k)]

@@ -7,9 +7,10 @@ import sys
 import click
 import pytest
 from click.testing import CliRunner
-from places import ROOT
+from commands import shell
+from places import BIN, ROOT
 
-from kincal.cli.errors import EXIT_INTERRUPTED, Commands
+from kincal.cli.errors import EXIT_INPUT, EXIT_INTERRUPTED, Commands
 from kincal_shared.errors import BadInput, CannotAnswer, CommandFailed, KincalError
 
 
@@ -78,3 +79,35 @@ def test_what_few_answers_need_is_not_loaded_before(imported, loaded, unwanted):
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=env)
     names = set(done.stdout.split())
     assert loaded in names and not unwanted & names, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "said", "todo"),
+    [
+        ("run healthy --fast --seed 99999999999", "not in the range 0<=x<=2147483647", "--help"),
+        ("run healthy --fast --seed -1", "not in the range", "--help"),
+        ("run nothere.toml --fast", "where: nothere.toml", "give a file or one of"),
+        ("run . --fast", "no scenario '.'", "give a file or one of"),
+        ("run ./ --fast", "this is a directory", "give a file or one of"),
+        ("run healthy --fast --out bytes", "bytes is no directory", "name another folder"),
+        ("table build empty out", "no sources of tables", "name a file, or their folder"),
+        ("table show empty", "Is a directory", "name a table image"),
+        ("table diff {bin}/arm.tbl {bin}/kin.tbl", "cannot be compared", "of the same kind"),
+        ("arm import bytes -o o.toml", "not a URDF: no XML", "begins with <robot>"),
+        ("arm import none.urdf -o o.toml", "no such file", "name a URDF"),
+        ("command noop --url nonsense", "this is no LCM URL", "such as udpm://"),
+        ("review history bytes", "no message of tables or corrections", "logs of a run"),
+    ],
+)
+def test_a_wrong_word_is_met_with_what_is_wrong_and_what_to_do(
+    tmp_path, monkeypatch, capfd, command, said, todo
+):
+    """What is wrong and what to do; it was a traceback, words of a library, or nothing at all."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "bytes").write_bytes(bytes(range(128, 250)))
+    done = shell(*command.format(bin=BIN).split())
+    assert done.exit_code == EXIT_INPUT and isinstance(done.exception, SystemExit)
+    assert said in done.stderr and todo in done.stderr
+    printed = capfd.readouterr()
+    assert not printed.err and "Traceback" not in printed.out  # by libraries, past the command

@@ -13,6 +13,7 @@ from scipy.stats import bootstrap
 
 from kincal import workbench as wb
 from kincal.pages import diagnosis as pages
+from kincal.pages import diagnosis_figures as figures
 from kincal.pages import diagnosis_grids as grids
 from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
@@ -425,6 +426,14 @@ def test_the_section_of_confounding_names_what_was_found_and_its_alternatives(fo
     section = pages._confounding(replace(found.content, diagnosis=d))
     assert f"at its size, these poses cannot tell {e.name} from latency; base_flex" in section.text
     assert ("Bold: below 9" in section.text) is (section.figure is not None)
+
+
+def test_the_matrix_of_confounding_says_how_large_each_effect_is_taken_to_be(found):
+    c = found.content.confounding
+    small = replace(c, names=("a", "b"), d2=np.array([[50.0, 4.0], [4.0, 50.0]]), sizes=("1 mrad", "2 mm"))
+    [heat] = figures.confounding(small).data
+    assert tuple(heat.y) == ("a (1 mrad)", "b (2 mm)") and tuple(heat.x) == ("a", "b")
+    assert len(c.sizes) == len(c.names) and all(re.match(r"[\d.e+-]+ \S", size) for size in c.sizes)
 
 
 def test_a_model_that_evidence_speaks_against_is_not_adequate(found):

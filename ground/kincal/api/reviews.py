@@ -121,8 +121,14 @@ def history_of(
     logs: Sequence[Path], tables_dir: Path, entries: Sequence[Entry] = ()
 ) -> tuple[History, list[Trend]]:
     """What was in force when by these logs, and the trend of each coefficient that a folder's TERMS table
-    names."""
-    found = history.joined(history.go_on(History(), log) for log in logs)
+    names. BadInput if they hold nothing of it."""
+    parts = [history.go_on(History(), log) for log in logs]
+    if not any(part.until_s for part in parts):
+        where = ", ".join(map(str, logs))
+        raise BadInput(
+            "no message of tables or corrections", where, "give logs of a run or of `kincal record`"
+        )
+    found = history.joined(parts)
     file, terms = tables_dir / "terms.tbl", {}
     if file.is_file():
         image, struct = decode_as("terms", file.read_bytes(), str(file))

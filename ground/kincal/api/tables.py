@@ -34,13 +34,16 @@ def build_files(source: Path, out: Path, tables_dir: Path | None = None) -> list
         image = build(source, tables_dir or out.parent)
         write_image(image, out)
         return [(out, image)]
+    sources = sorted(source.glob("*.toml"))
+    if not sources:
+        raise BadInput("no sources of tables (*.toml) here", str(source), "name a file, or their folder")
     built = {}
     with TemporaryDirectory() as name:  # what a search space needs of the others, before they are written
         beside = tables_dir or Path(name)
         if tables_dir is None:
             for path in out.glob("*.tbl"):
                 shutil.copyfile(path, beside / path.name)
-        for path in tables.build_order(sorted(source.glob("*.toml"))):
+        for path in tables.build_order(sources):
             image = _build_beside(path, beside, tables_dir or out)
             built[out / f"{path.stem}.tbl"] = image
             if tables_dir is None:

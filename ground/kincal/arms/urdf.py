@@ -118,12 +118,21 @@ def read_chain(path: Path, base: str | None = None, tip: str | None = None) -> U
     )
 
 
+def _refuse_other(path: Path) -> None:
+    """BadInput for what is no XML: the parser would print what its library thinks of it."""
+    text = path.read_bytes().lstrip(b"\xef\xbb\xbf \t\r\n")
+    if not text.startswith((b"<", b"\xff\xfe", b"\xfe\xff")):
+        todo = "name a URDF: XML that begins with <robot>"
+        raise BadInput("not a URDF: " + ("no XML" if text else "the file is empty"), str(path), todo)
+
+
 def _parse(path: Path) -> Any:
     """The robot as the parser has it: links, joints, name."""
     installation.require("urdf", "reading a URDF")
     if not path.is_file():
-        raise BadInput("no such file", str(path))
+        raise BadInput("no such file", str(path), "name a URDF")
     _refuse_xacro(path)
+    _refuse_other(path)
     import yourdfpy
 
     logging.getLogger("yourdfpy").setLevel(logging.ERROR)

@@ -54,7 +54,7 @@ class OutputFolder(click.ParamType[Path]):
     def convert(self, value: Any, _param: click.Parameter | None, _ctx: click.Context | None) -> Path:
         """The path. BadInput says why nothing can be written there."""
         path = _seen(value)
-        _check_folder(path, path)
+        _check_folder(path, path, "name another folder")
         return path
 
 
@@ -66,11 +66,11 @@ def _seen(value: Any) -> Path:
     return path
 
 
-def _check_folder(folder: Path, path: Path) -> None:
+def _check_folder(folder: Path, path: Path, todo: str = "name a file in a directory") -> None:
     """A file can be made in the folder, or in the nearest one above it that is there."""
     there = next(one for one in (folder, *folder.absolute().parents) if os.path.lexists(one))
     if not there.is_dir():
-        raise BadInput(f"{there} is no directory", str(path), "name a file in a directory")
+        raise BadInput(f"{there} is no directory", str(path), todo)
     _try(path, lambda: tempfile.TemporaryFile(dir=there).close())
 
 

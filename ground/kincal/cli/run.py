@@ -43,7 +43,13 @@ if TYPE_CHECKING:
     default=None,
     help="Number of poses besides the local initial poses.  [default: scenario]",
 )
-@click.option("--seed", type=int, default=1, show_default=True, help="Seed of everything random.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**31 - 1),
+    default=1,
+    show_default=True,
+    help="Seed of everything random.",
+)
 @click.option(
     "--accept",
     type=click.Choice(["auto", "policy", "ground"]),

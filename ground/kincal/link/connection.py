@@ -212,6 +212,8 @@ class Link(CommandLink):
 
 def open_lcm(url: str) -> lcm.LCM:
     """An LCM network. BadInput if it cannot be opened."""
+    if url and "://" not in url:  # LCM would print where in its source that is wrong
+        raise BadInput("this is no LCM URL", url, "give one such as udpm://239.255.76.67:7667?ttl=0")
     try:
         return lcm.LCM(url)
     except (RuntimeError, OSError) as error:

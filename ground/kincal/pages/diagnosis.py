@@ -59,7 +59,11 @@ HEADINGS = {
         "Residuals before any effect was added, plotted against the variables that explain most of them.",
     ),
     "joints": ("Residuals by joint", "Motion of each joint alone that would explain the residuals."),
-    "confounding": ("Confounding", "Bold: below 9, so these poses cannot distinguish the two effects."),
+    "confounding": (
+        "Confounding",
+        "Bold: below 9, so with these poses "
+        "the two effects are confounded. In brackets: the typical size that each is given.",
+    ),
     "harm": (
         "What could still be wrong",
         "Effects that these poses may fail to show: the tool error caused by an effect just too small to be "

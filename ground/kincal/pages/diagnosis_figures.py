@@ -196,6 +196,7 @@ def confounding(c: Confounding) -> go.Figure | None:
     if len(keep) < 2:
         return None
     names, d2 = [c.names[i] for i in keep], c.d2[np.ix_(keep, keep)]
+    sized = [f"{c.names[i]} ({c.sizes[i]})" for i in keep]
     share = d2 / np.maximum(np.diag(d2)[:, None], 1e-12)
     text = [
         [f"<b>{v:.0f}</b>" if i != j and v < CONFOUNDED_CHI2 else f"{v:.0f}" for j, v in enumerate(row)]
@@ -203,7 +204,7 @@ def confounding(c: Confounding) -> go.Figure | None:
     ]
     figure = theme.figure(290 + 30 * len(names))
     figure.add_heatmap(
-        z=share, x=names, y=names, text=text, texttemplate="%{text}", zmin=0.0, zmax=1.0,
+        z=share, x=names, y=sized, text=text, texttemplate="%{text}", zmin=0.0, zmax=1.0,
         colorscale=theme.SHARE,
         xgap=1, ygap=1, hovertemplate="%{y} beside %{x}: %{text}<extra></extra>",
         colorbar=theme.colour_bar("share left"),

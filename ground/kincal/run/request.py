@@ -61,7 +61,9 @@ def read_expectation(scenario: str) -> Expectation:
     path = Path(scenario) if Path(scenario).is_file() else SCENARIOS / f"{scenario}.toml"
     if not path.is_file():
         known = ", ".join(sorted(p.stem for p in SCENARIOS.glob("*.toml")))
-        raise BadInput(f"no scenario {scenario!r}", str(path), f"give a file or one of: {known}")
+        where = Path(scenario) if "/" in scenario or scenario.endswith(".toml") else path  # a file was meant
+        why = "this is a directory" if where.is_dir() else f"no scenario {scenario!r}"
+        raise BadInput(why, str(where), f"give a file or one of: {known}")
     read = read_scenario(path)
     title = read.title or path.stem
     expect = read.expect

@@ -23,12 +23,13 @@ class Confounding:
 
     d2: (k, k), [i, j]: how much of effect i no mixture of DH and effect j explains [chi^2]; below
     CONFOUNDED_CHI2 these poses cannot distinguish the pair (METHOD.md 16); absorbed: (k,) share
-    of each that the fitted parameters imitate.
+    of each that the fitted parameters imitate; sizes: that each has, its typical one, in words.
     """
 
     names: tuple[str, ...]
     d2: Array
     absorbed: Array
+    sizes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,20 @@ def confounding(fit: Fit, hypotheses: Sequence[Hypothesis]) -> Confounding:
                        for gi in designs]).reshape(len(own), len(own))  # fmt: skip
     np.fill_diagonal(shared, 0.0)
     d2 = np.maximum((own[:, None] - shared) / fit.scale**2, 0.0)
-    return Confounding(tuple(h.name for h in hypotheses), d2, 1.0 - own / whole)
+    names = tuple(h.name for h in hypotheses)
+    return Confounding(names, d2, 1.0 - own / whole, tuple(_typical(h) for h in hypotheses))
+
+
+def _typical(h: Hypothesis) -> str:
+    """Typical sizes of an effect's parameters, each once."""
+    return ", ".join(dict.fromkeys(_size(p.sigma, p.unit) for p in h.parameters))
+
+
+def _size(sigma: float, unit: str) -> str:
+    """Angles in mrad and lengths in mm, as everywhere in reports."""
+    if unit in ("rad", "m"):
+        return f"{sigma * 1e3:.3g} m{unit}"
+    return f"{sigma:.3g} {unit}".strip()
 
 
 def _shared(mine: Array, projected: Array, other: Array, scale: float) -> float:
