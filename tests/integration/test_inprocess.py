@@ -305,3 +305,14 @@ def test_stamps_before_the_epoch_are_refused_like_those_from_the_network():
 def test_hooks_are_values():
     assert replace(Hooks(), power_loss=lambda _: False) != Hooks()
     assert Hooks() == Hooks()
+
+
+def test_a_scenario_that_is_changed_while_it_runs_changes_nothing():
+    """Parts of it are read once: temperature and gravity reached the arm, and flight late or never."""
+    given = load("healthy")
+    with Simulation(given, seed=1) as simulation:
+        before = simulation.scenario
+        for scenario in (given, simulation.scenario):
+            scenario.env.temp_c += 40.0
+        assert simulation.scenario == before != given
+        assert simulation.step().number >= 0

@@ -243,22 +243,22 @@ def simulate(
 
 class Simulation:
     """A run a tick at a time, for those who act while it goes on. `simulate` says what scenario, seed and
-    setup are. Use as a context: its log is closed at the end. `scenario` is its own copy, which must not be
-    changed while it runs: parts of it are read once."""
+    setup are. Use as a context: its log is closed at the end. What is done to the given scenario while it
+    runs, or to `scenario`, changes nothing of it: parts are read once, and would not fit the others."""
 
     def __init__(self, scenario: Scenario | str | Path, seed: int = 1, setup: Setup | None = None) -> None:
         self._begun_s = time.monotonic()
         self.setup = setup = setup or Setup()
         loaded = scenario if isinstance(scenario, Scenario) else load(scenario)
-        self.scenario, self.seed = accepted_by(loaded, setup.accept), seed
+        self._scenario, self.seed = accepted_by(loaded, setup.accept), seed
         make_world = setup.world or (lambda s, n: World(s, n, fast_imager))
-        self.world = make_world(self.scenario, seed)
+        self.world = make_world(self._scenario, seed)
         self.store = setup.store or Store()
         self.ended = False
         self._log = LogSummary(setup.log or Path("-"))
         self._uncounted = self._judged = 0  # states and truths that were no messages, since the last count
         self._file = lcm.EventLog(str(setup.log), "w", overwrite=True) if setup.log else None
-        limit_s = setup.limit_s or self.scenario.executive.total_timeout_s + PATIENCE_S
+        limit_s = setup.limit_s or self._scenario.executive.total_timeout_s + PATIENCE_S
         self._limit_us = limit_s * 1e6
         self._faulty = setup.hooks != Hooks()
         self._secret = not self._faulty and self._file is None  # what only flight and the commander hear
@@ -283,7 +283,7 @@ class Simulation:
     def _make_executive(self) -> Commander:
         chosen = self.setup
         self._executive = Executive(
-            self.scenario, self._send, self.seed, chosen.acquisition, poses=chosen.poses
+            self._scenario, self._send, self.seed, chosen.acquisition, poses=chosen.poses
         )
         return self._executive
 
@@ -294,6 +294,11 @@ class Simulation:
             lambda kind, data: self.setup.hooks.keep(self._number, kind, data),
             (self._key, *self.setup.others),
         )
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is run, as a copy."""
+        return self._scenario.model_copy(deep=True)
 
     @property
     def log(self) -> LogSummary:
@@ -402,7 +407,7 @@ class Simulation:
     def result(self) -> SimulatedRun:
         """What the run has left so far."""
         return SimulatedRun(
-            self.scenario,
+            self._scenario,
             self.seed,
             self.ended,
             self._flight.state,
