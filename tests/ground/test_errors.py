@@ -111,3 +111,14 @@ def test_a_wrong_word_is_met_with_what_is_wrong_and_what_to_do(
     assert said in done.stderr and todo in done.stderr
     printed = capfd.readouterr()
     assert not printed.err and "Traceback" not in printed.out  # by libraries, past the command
+
+
+def test_missing_tables_are_asked_for_as_they_are_written(tmp_path):
+    """`write shape = ...` and `write joint = "one [[joint]] table for each joint"` are no TOML."""
+    (tmp_path / "empty.toml").write_text("")
+    said = shell("space", "build", tmp_path / "empty.toml", tmp_path / "o.tbl").stderr
+    assert "shape: is missing; write a table [[shape]] for each" in said
+    assert "error_bounds: is missing; write the table [error_bounds]" in said
+    given = "--arm", tmp_path / "empty.toml", "--data", tmp_path / "none.csv"
+    said = shell("model", "compare", *given).stderr
+    assert "joint: is missing; write one [[joint]] table for each joint" in said

@@ -313,13 +313,16 @@ def _missing(place: _Place, got: Any) -> Problem:
         todo = f"write {_example(place.key, field.examples[0])}"
     elif field and model_of(field.annotation):
         todo = f"write the table [{place.path}]"
+    elif field and model_of(item_annotation(field.annotation)):
+        todo = f"write a table [[{place.path}]] for each"
     else:
         todo = f"write {place.key} = ..."
     return Problem(place.path, "is missing", todo)
 
 
 def _example(key: str, example: Any) -> str:
-    return str(example) if isinstance(example, str) and "=" in example else f"{key} = {toml_text(example)}"
+    said = isinstance(example, str) and ("=" in example or "[[" in example)  # how it is written, in words
+    return str(example) if said else f"{key} = {toml_text(example)}"
 
 
 def _not_one_of(place: _Place, got: Any) -> Problem:
