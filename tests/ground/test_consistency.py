@@ -421,3 +421,98 @@ def test_turns_are_no_degrees_and_lost_positions_no_metres(arm):
     assert not millimetre_rows(arm, replace(data, p_m=spike)).any()
     mixed = replace(data, p_m=np.where(every[:, None], 1000.0 * p, p))
     assert np.array_equal(millimetre_rows(arm, mixed), every)
+
+
+# --------------------------------------------------------------------------- joints
+
+
+def one_joint_after_another(spoil):
+    """An irb120 and 60 positions with 0.1 mm of noise, of which ten each turn one joint, and what `spoil`
+    made of the readings."""
+    arm, rng = read_arm("irb120"), np.random.default_rng(3)
+    q = np.tile([0.3, 0.2, -0.3, 0.4, 0.6, 0.2], (60, 1))
+    for j in range(6):
+        q[10 * j : 10 * j + 10, j] += rng.uniform(-0.7, 0.7, 10)
+    arm = replace(arm, base=replace(arm.base, estimate=True), tool=replace(arm.tool, estimate=True))
+    tool = Pose.of_wxyz([0.05, 0.02, 0.1], [1, 0, 0, 0])
+    p_m = Arm.of(arm, Pose.of_wxyz([0.3, 0.2, 0.1], [1, 0, 0, 0]), tool).fk(q).p_m
+    ids = tuple(map(str, range(1, 61)))
+    return arm, wb.Measurements("series", ids, spoil(q.copy()), p_m + rng.normal(0, 1e-4, p_m.shape))
+
+
+def coupled(q, factor=-1.0):
+    """Readings of joint 3 that contain joint 2."""
+    q[:, 2] += factor * q[:, 1]
+    return q
+
+
+@pytest.mark.parametrize("factor", [-1.0, 1.0])
+def test_readings_of_a_joint_that_contain_the_one_before_are_found(tmp_path, factor):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 40, 3), 7)
+    finding, *_ = check(arm, replace(data, q=coupled(data.q.copy(), factor)), thorough=False).findings
+    assert (finding.code, finding.severity) == ("coupled", "error")
+    assert "readings of joint 3 contain joint 2 (as FANUC controllers" in finding.why
+    assert finding.fix.endswith(f'[readings] q3 = "q3 {"-" if factor > 0 else "+"} q2"')
+
+
+def test_a_map_file_says_which_readings_contain_another_joint(tmp_path):
+    """With its sum the file is read as one in which they do not."""
+    arm_path, path = poses.arm_toml(tmp_path / "arm.toml"), poses.poses_csv(tmp_path / "poses.csv", 40, 3)
+    header, *rows = [line.split(",") for line in path.read_text().splitlines()]
+    second, third = header.index("q2"), header.index("q3")
+    for row in rows:
+        row[third] = repr(float(row[third]) - float(row[second]))
+    (tmp_path / "coupled.csv").write_text("\n".join(",".join(row) for row in [header, *rows]))
+    (tmp_path / "map.toml").write_text('[readings]\nq3 = "q3 + q2"\n')
+    given = ("--arm", arm_path, "--data", tmp_path / "coupled.csv")
+    assert "[readings]" in kincal("check", *given).stdout
+    assert "belong together" in good("model", "check", *given, "--map", tmp_path / "map.toml").stdout
+    for text, why in (("q3 + q9", "there are 7"), ("q3 * q2", "readings")):
+        (tmp_path / "map.toml").write_text(f'[readings]\nq3 = "{text}"\n')
+        done = kincal("check", *given, "--map", tmp_path / "map.toml")
+        assert done.exit_code == EXIT_INPUT and why in done.stderr
+
+
+def test_a_mistake_about_a_joint_that_moves_in_few_poses_is_found():
+    """They are outliers of a fit; the quick check of compare and diagnose finds it too."""
+    assert codes(*one_joint_after_another(lambda q: q)) <= {"outside_limits"}
+    (finding,) = check(*one_joint_after_another(coupled), thorough=False).findings
+    assert finding.code == "coupled" and 'q3 = "q3 + q2"' in finding.fix and finding.gain > 50
+    reversed_ = one_joint_after_another(lambda q: q * [1, -1, 1, 1, 1, 1])
+    assert codes(*reversed_) == {"sign"}
+
+
+def test_outliers_name_the_joint_that_moves_in_them():
+    def wrong(q):
+        q[10:20, 1] = q[10:20, 1][::-1]  # of other rows
+        return q
+
+    (finding,) = check(*one_joint_after_another(wrong), thorough=False).findings
+    assert (finding.code, finding.severity) == ("outliers", "warning")
+    assert "; they are the poses in which joint 2 moves" in finding.why
+    assert "readings of joint 2 wrong, or coupled" in finding.fix
+    arm, data = real("wam")
+    (other,) = check(arm, moved(data, 5, 0.285)).findings
+    assert "in which joint" not in other.why
+
+
+def test_zeros_of_two_joints_a_quarter_turn_off_are_found(tmp_path):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 40, 3), 7)
+    shifted = replace(data, q=data.q - [0, np.pi / 2, np.pi / 2, 0, 0, 0, 0])
+    finding, *_ = check(arm, shifted, thorough=False).findings
+    assert finding.code == "offset" and "(joint 2: +90 deg, joint 3: +90 deg)" in finding.why
+
+
+def test_an_arm_that_leaves_much_unexplained_is_not_without_a_finding(tmp_path):
+    """Much that DH errors explain, and what nothing explains, as several targets mixed in one column."""
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    far = wb.read_csv(poses.poses_csv(tmp_path / "far.csv", 60, 3, dh_size=0.1), 7)
+    (note,) = check(arm, far, thorough=False).findings
+    assert (note.code, note.severity) == ("corrections", "note") and "nominal arm leaves 31%" in note.why
+    data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 60, 3, position_only=True), 7)
+    mixed = data.p_m + np.random.default_rng(1).normal(0.0, 0.02, data.p_m.shape)
+    (finding,) = check(arm, replace(data, p_m=mixed, cov=None), thorough=False).findings
+    assert (finding.code, finding.severity) == ("unexplained", "warning")
+    assert "several targets mixed in one column" in finding.fix

@@ -175,6 +175,11 @@ class RosEntry(Strict):
     """Largest time between a pose and the joint state that belongs to it [s]."""
 
 
+# "q3 + q2": a reading, and that of another joint which is added to it or taken from it
+Sum = Annotated[str, pydantic.StringConstraints(pattern=r"^q[1-9][0-9]? [+-] q[1-9][0-9]?$")]
+Reading = Annotated[str, pydantic.StringConstraints(pattern=r"^q[1-9][0-9]?$")]
+
+
 class DataMap(Strict):
     """What the columns of a measurements file mean."""
 
@@ -184,6 +189,9 @@ class DataMap(Strict):
     """Units of the columns."""
     rotation: RotationEntry | None = None
     """The orientation, where it is no quaternion qw, qx, qy, qz."""
+    readings: dict[Reading, Sum] = pydantic.Field(default={}, examples=[{"q3": "q3 + q2"}])
+    """Joints whose readings contain those of another one, as a FANUC controller states joint 3: what the
+    joint angle is, of the readings in the file."""
     targets: TargetsEntry | None = None
     """Targets on the tool."""
     text: TextEntry = TextEntry()

@@ -30,6 +30,11 @@ _DETERMINED = 0.3  # standard error, as such a multiple, below which the data sp
 _POSES = 150  # enough for a DH fit
 _GROSS = 10.0  # median errors, beyond which (and beyond a good misfit) a pose is off
 _MANY_OFF, _MOST_OFF = 0.05, 0.45  # share of the poses: more are no chance; the bulk does not follow the arm
+_STILL = 0.02  # [rad or m] from the middle reading: the joint moves
+_FEWEST_MOVING, _JUST_THESE = (
+    3,
+    0.8,
+)  # poses, and the share that those off and those of a joint have in common
 _NAMED = 12  # of them in a sentence
 _MEDIAN_LENGTH = 1.54  # of three normal numbers of variance 1
 _FAR_ABOVE = 20.0  # times what a fit leaves: no fit leaves so little of the noise
@@ -87,7 +92,8 @@ def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
         left = search.misfit(search.given)
         if arm is not table:
             search = Search(arm, data, thorough)
-        wrong = search.misfit(search.given) > GOOD_MISFIT
+        # mistakes about a joint that moves in few poses, and outliers, hide from the misfit of most poses
+        wrong = max(search.misfit(search.given), search.misfit_of_all(search.given)) > GOOD_MISFIT
         impossible = links and arm is table
         if not mixed and not impossible and (thorough or wrong):  # no reading of the whole file mends these
             found += _of_fit(search)
@@ -134,6 +140,9 @@ def _of_fit(search: Search) -> Iterator[Finding]:
             gain = search.misfit(without(best, kind)) / search.misfit(best)
             found = misread(best, kind, gain, search.arm, search.shipped)
             yield _or_signs(found, search, best) if kind == "mirror" else found
+    elif (hidden := search.best_of_all()) is not None:
+        gain = search.misfit_of_all(search.given) / search.misfit_of_all(hidden)
+        yield from (misread(hidden, kind, gain, search.arm, search.shipped) for kind in changed(hidden))
     else:
         yield from _wrong_arm(search)
 
@@ -165,8 +174,27 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
             "each part)",
         )
         return
+    before, after = search.misfit(search.given), rms_of_most(left[~off])
     if off.any():
         yield _outliers(fit, search.data, off)
+    elif before > _MOST_MISFIT:
+        yield Finding(
+            "corrections",
+            f"the nominal arm leaves {before:.0%} of the motion, a fit of all DH errors {after:.2%}: its "
+            f"largest corrections are {_largest(fit, fit.names, fit.estimate / _large(fit))}",
+            "compare the DH table with the data sheet",
+            severity="note",
+        )
+    if before > GOOD_MISFIT and after > GOOD_MISFIT:
+        yield Finding(
+            "unexplained",
+            f"even with all DH errors fitted, {after:.1%} of the measured motion is left: more than any arm "
+            "leaves that is described right",
+            "check that each row holds the pose of its own readings, that all rows measure the same point of "
+            "the tool (several targets mixed in one column), and that neither base nor measuring device was "
+            "moved",
+            severity="warning",
+        )
     names, sizes = _sizes(fit)
     total = float(np.linalg.norm(sizes))
     if total > _MOST_LARGE:
@@ -176,7 +204,7 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
             f"{1e3 * _LARGE['m']:.0f} mm ({_largest(fit, names, sizes)}): "
             "that is a wrong arm table, not a correction",
             "check the DH table against the data sheet",
-            search.misfit(search.given) / rms_of_most(left),
+            before / rms_of_most(left),
         )
 
 
@@ -232,15 +260,28 @@ def _outliers(fit: Fit, data: Measurements, off: Mask) -> Finding:
     r, names = fit.predict(data), tuple(name for name, out in zip(data.ids, off, strict=True) if out)
     shown = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
     many = off.mean() >= _MANY_OFF
+    moving = _moving_alone(data, off)
+    alone = f"; they are the poses in which joint {moving} moves" if moving else ""
+    cause = f"readings of joint {moving} wrong, or coupled to those of another; " if moving else ""
     return Finding(
         "outliers",
         f"{len(names)} of {data.n} poses are off by {_size(r[off])} (RMS), the others by {_size(r[~off])}: "
-        f"{shown}",
-        "find out what is wrong with them (target moved or confused with another, rows of another arm, "
-        f"measured before the arm stood still), correct them or leave them out: --exclude {','.join(names)}",
+        f"{shown}{alone}",
+        f"find out what is wrong with them ({cause}target moved or confused with another, rows of another "
+        "arm, measured before the arm stood still), correct them or leave them out: "
+        f"--exclude {','.join(names)}",
         severity="warning" if many else "note",
         poses=names,
     )
+
+
+def _moving_alone(data: Measurements, off: Mask) -> int | None:
+    """The joint (from 1) that moves in just these poses, and stands still in the others; None if there is
+    none."""
+    moves = np.abs(data.q - np.median(data.q, axis=0)) > _STILL
+    alike = (moves & off[:, None]).sum(axis=0) / np.maximum((moves | off[:, None]).sum(axis=0), 1)
+    best = int(alike.argmax())
+    return best + 1 if off.sum() >= _FEWEST_MOVING and alike[best] >= _JUST_THESE else None
 
 
 def _size(r: Array) -> str:
@@ -248,9 +289,17 @@ def _size(r: Array) -> str:
     return f"{position * 1e3:.1f} mm" + ("" if rotation is None else f", {rotation * 1e3:.1f} mrad")
 
 
+def _large(fit: Fit) -> np.ndarray:
+    """(k,) sizes of coefficients that count as large; infinite for those that are no DH errors."""
+    return np.array([
+        _LARGE[p.unit] if name.startswith("J") and p.unit in _LARGE else np.inf
+        for name, p in zip(fit.names, fit.parameters, strict=True)
+    ])  # fmt: skip
+
+
 def _sizes(fit: Fit) -> tuple[Sequence[str], np.ndarray]:
     """DH corrections that the data determine, as multiples of `_LARGE`; joint offsets may be large."""
-    large = np.array([_LARGE.get(parameter.unit, np.inf) for parameter in fit.parameters])
+    large = _large(fit)
     chosen = [
         k
         for k, name in enumerate(fit.names)

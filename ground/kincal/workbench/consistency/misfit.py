@@ -24,7 +24,7 @@ from ..model.parameters import dh_parameters
 from ..numerics.types import Array, array
 
 LEAST_POSES = 12  # fewer leave the regression, with its 15 unknowns, too little to say
-_KEPT = 0.8  # share of the poses that counts
+KEPT = 0.8  # share of the poses that counts
 _OFFSET = "offset"  # name of the joint offsets among the coefficients
 _OFFSET_SIGMA = 0.3  # [rad or m]
 _MOST_OFFSET = 1.4  # [rad], below a quarter turn
@@ -33,15 +33,16 @@ _AT_ONCE = 256  # ways of reading the files, for memory
 _LEAST_SPREAD_M, _LEAST_TURN = 1e-6, 0.1  # smallest motion that errors are compared with [m], [rad]
 
 
-def misfit(arm: ArmTable, data: Measurements) -> float:
+def misfit(arm: ArmTable, data: Measurements, kept: float = KEPT) -> float:
     """Error that is left by unknown frames and joint offsets, over the spread of the measured poses; infinite
     where the poses do not determine the frames. Offsets of quarter turns are not fitted: they stand for
-    another reading of the files."""
+    another reading of the files. kept: share of the poses that counts."""
     try:
         with np.errstate(all="ignore"):  # a wrong reading may lead anywhere
             fit = fit_model(arm, data, [_offsets(arm)], dh=False, effect_width=1.0, rough=True)
             turned = np.abs(fit.estimate[_places(fit)]).max() > _MOST_OFFSET
-            left = rms_of_most(misfit_of(fit_model(arm, data, dh=False, rough=True) if turned else fit, data))
+            fit = fit_model(arm, data, dh=False, rough=True) if turned else fit
+            left = rms_of_most(misfit_of(fit, data), kept)
     except (CannotAnswer, ValueError, np.linalg.LinAlgError):
         return np.inf
     return left if np.isfinite(left) else np.inf
@@ -62,11 +63,11 @@ def misfit_of(fit: Fit, data: Measurements) -> Array:
     return array(np.sqrt(square))
 
 
-def rms_of_most(left: Array) -> float:
-    """RMS of numbers (N,), the largest fifth left out: outliers are no question of how files are read, they
-    are a finding of their own."""
+def rms_of_most(left: Array, kept: float = KEPT) -> float:
+    """RMS of numbers (N,), without the largest, which `kept` leaves out: outliers are no question of how
+    files are read, they are a finding of their own."""
     square = np.sort(left**2)
-    return float(np.sqrt(square[: max(int(_KEPT * len(square)), 1)].mean()))
+    return float(np.sqrt(square[: max(int(kept * len(square)), 1)].mean()))
 
 
 def _offsets(arm: ArmTable) -> Hypothesis:

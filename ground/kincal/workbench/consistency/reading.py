@@ -20,6 +20,7 @@ from ..numerics.types import Array, Indices
 _QUARTERS = (0.5 * math.pi, -0.5 * math.pi, math.pi)
 _DEGREE = math.pi / 180.0
 _INCH = 0.0254
+_PAST_ROD = 2  # place of the joint, from 0, that is coupled to the one before in most arms that have it
 _MOST_EXHAUSTIVE = 7  # joints up to which all orders and signs are tried
 LENGTH_CODES = frozenset(("millimetres", "centimetres", "inches"))
 """Codes of findings about lengths: the units that they look like."""
@@ -49,14 +50,16 @@ class Reading:
 
     joints: joints of this shipped arm instead of the table's; convention: the table's numbers in the other
     DH convention; order: (n,) which column is the reading of each joint; sign: (n,) factor of each reading;
-    offset: (n,) added to each reading [rad]; sliding: joints (from 0) that slide where the table says they
-    turn, or the other way round; twisted: joints (from 0) whose alpha has the other sign; angle, length:
-    factors of readings and positions; quaternion: order of their columns, "xyzw" or "wxyz", empty as read;
-    euler: axes of the Euler angles, empty as read; euler_angle: factor of these angles; mirror: axes of the
-    measurement frame that are reversed or exchanged, of the positions alone ("positions: x") or of the
-    orientations too ("poses: any"); turned_back: orientations are inverted; inverse: poses are; shift:
-    rows by which readings are late; free: base and tool frame are unknown, whatever the table says;
-    scalar_last: frames of the table ("base", "tool") whose quaternions are x, y, z, w.
+    offset: (n,) added to each reading [rad]; coupled: joints (from 0) to whose reading that of the joint
+    before is added (factor 1) or from which it is taken (-1); sliding: joints (from 0) that slide where the
+    table says they turn, or the other way round; twisted: joints (from 0) whose alpha has the other sign;
+    angle, length: factors of readings and positions; quaternion: order of their columns, "xyzw" or "wxyz",
+    empty as read; euler: axes of the Euler angles, empty as read; euler_angle: factor of these angles;
+    mirror: axes of the measurement frame that are reversed or exchanged, of the positions alone
+    ("positions: x") or of the orientations too ("poses: any"); turned_back: orientations are inverted;
+    inverse: poses are; shift: rows by which readings are late; free: base and tool frame are unknown,
+    whatever the table says; scalar_last: frames of the table ("base", "tool") whose quaternions are x, y, z,
+    w.
     """
 
     order: tuple[int, ...]
@@ -64,6 +67,7 @@ class Reading:
     offset: tuple[float, ...]
     joints: str = ""
     convention: bool = False
+    coupled: frozenset[tuple[int, int]] = frozenset()
     sliding: frozenset[int] = frozenset()
     twisted: frozenset[int] = frozenset()
     angle: float = 1.0
@@ -157,6 +161,10 @@ def joint_values(readings: Sequence[Reading], data: Measurements, rows: Indices)
     angle = np.array([reading.angle for reading in readings])[:, None, None]
     late = data.q[(rows - shift[:, None]) % data.n]
     q: Array = np.take_along_axis(late, order, axis=2) * sign * angle + offset
+    coupled = [(k, j, factor) for k, reading in enumerate(readings) for j, factor in reading.coupled]
+    if coupled:
+        of, to, factor = np.array(coupled).T
+        q[of, :, to] += factor[:, None] * q[of, :, to - 1]
     return q
 
 
@@ -186,11 +194,13 @@ def motions(now: Reading, shipped: Sequence[ArmTable]) -> Iterator[Reading]:
     yield from (replace(now, angle=factor) for factor in ANGLES)
     yield from (replace(now, order=order) for order in _orders(now.order))
     yield from (replace(now, sign=sign) for sign in _signs(now.sign))
+    yield from (replace(now, coupled=now.coupled ^ {one}) for one in _couplings(len(now.sign)))
     yield from (replace(now, shift=rows) for rows in (1, -1))
     for j in range(len(now.sign)):
         yield replace(now, sliding=now.sliding ^ {j})
         yield replace(now, twisted=now.twisted ^ {j})
         yield from (replace(now, offset=_at(now.offset, j, turn)) for turn in _QUARTERS)
+    yield from _two_offsets(now)
     yield from (replace(now, joints=arm.source) for arm in shipped)
 
 
@@ -201,6 +211,19 @@ def _signs(sign: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
     yield tuple(-s for s in sign)
     if len(sign) <= _MOST_EXHAUSTIVE:
         yield from product((1, -1), repeat=len(sign))
+
+
+def _two_offsets(now: Reading) -> Iterator[Reading]:
+    """Quarter turns at two joints, of which one alone may explain no more than none."""
+    pairs = combinations(range(len(now.sign)), 2)
+    for (i, j), (one, other) in product(pairs, product(_QUARTERS, repeat=2)):
+        yield replace(now, offset=_at(_at(now.offset, i, one), j, other))
+
+
+def _couplings(n: int) -> Iterator[tuple[int, int]]:
+    """Joint 3 first: where a rod moves it past joint 2, its motor reads the sum of both."""
+    for j in sorted(range(1, n), key=lambda j: j != _PAST_ROD):
+        yield from ((j, factor) for factor in (1, -1))
 
 
 def all_orders(n: int) -> list[tuple[int, ...]]:

@@ -34,6 +34,7 @@ from .reading import (
 )
 
 _POSES = 60  # enough to tell gross misreadings
+_ALL = 0.95  # share of the poses that counts where those far off are asked about
 _TRIED = 4  # readings a round that are fitted
 _ROUNDS = 6
 _MEASURED_RIGHT = 0.05  # of the motion: below it units and orientations of the poses are not in doubt
@@ -57,6 +58,7 @@ class Search:
     data: Measurements
     thorough: bool = True
     fitted: dict[Reading, float] = field(default_factory=dict)
+    of_all: dict[Reading, float] = field(default_factory=dict)
     bounds: dict[Reading, float] = field(default_factory=dict)
 
     @cached_property
@@ -85,6 +87,12 @@ class Search:
         if reading not in self.fitted:
             self.fitted[reading] = misfit(*self.of(reading))
         return self.fitted[reading]
+
+    def misfit_of_all(self, reading: Reading) -> float:
+        """The same of all poses but the few whose errors may be chance."""
+        if reading not in self.of_all:
+            self.of_all[reading] = misfit(*self.of(reading), kept=_ALL)
+        return self.of_all[reading]
 
     def ranked(self, readings: Iterable[Reading]) -> list[Reading]:
         """Readings by their misfit by regression, least first. It counts to three digits: smaller differences
@@ -126,6 +134,16 @@ class Search:
             found = min((found, *map(self._walk, self._best_order())), key=self.misfit)
         found = self._pruned(found)
         return next(self._mirrors_of(found), found)
+
+    def best_of_all(self) -> Reading | None:
+        """The reading one change away that explains poses far off too; None if there is none. A series that
+        moves one joint after another shows a mistake about one of them in few poses, and these the misfit of
+        most poses leaves out."""
+        if self.misfit_of_all(self.given) <= GOOD_MISFIT:
+            return None
+        ranked = self.ranked(motions(self.given, self.shipped))[:_TRIED]
+        best = min(ranked, key=self.misfit_of_all)
+        return best if self.misfit_of_all(best) * FOUND <= self.misfit_of_all(self.given) else None
 
     def alike(self, mirrored: Reading) -> Reading | None:
         """Signs of joints alone that explain the poses as well as a mirror does: an arm that is symmetric
@@ -182,7 +200,7 @@ def simpler_than(reading: Reading) -> Iterable[Reading]:
         if name in ("sign", "offset"):
             for j in np.flatnonzero(np.not_equal(now, back)):
                 yield _with(reading, name, (*now[:j], back[j], *now[j + 1 :]))
-        if name in ("sliding", "twisted", "scalar_last"):
+        if name in ("coupled", "sliding", "twisted", "scalar_last"):
             yield from (_with(reading, name, now - {j}) for j in now)
 
 

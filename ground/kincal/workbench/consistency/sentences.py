@@ -13,6 +13,7 @@ from .findings import Finding
 from .reading import ANGLES, LENGTH_CODES, LENGTHS, Reading
 
 Sentence = tuple[str, str, str]  # code, why, fix
+_RODS = {(2, 1), (2, -1)}  # couplings of joint 3
 READINGS = "the joint readings look like"
 
 
@@ -65,6 +66,18 @@ def _offset(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> S
     listed = ", ".join(f"joint {j + 1}: {math.degrees(turn):+.0f} deg" for j, turn in turned)
     values = ", ".join(f"joint[{j + 1}].phi_rad += {turn:.6g}" for j, turn in turned)
     return "offset", f"zeros of joints are a quarter turn or more off ({listed})", f"arm table: {values}"
+
+
+def _coupled(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
+    pairs = [(j + 1, "+" if factor > 0 else "-") for j, factor in sorted(reading.coupled)]
+    listed = ", ".join(f"readings of joint {j} contain joint {j - 1}" for j, _ in pairs)
+    sums = ", ".join(f'q{j} = "q{j} {sign} q{j - 1}"' for j, sign in pairs)
+    whose = " (as FANUC controllers and arms with a parallelogram state them)"
+    return (
+        "coupled",
+        f"{listed}{whose if reading.coupled & _RODS else ''}",
+        f"write into the map file (--map): [readings] {sums}",
+    )
 
 
 def _sliding(reading: Reading, arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
@@ -172,6 +185,7 @@ _SENTENCES: dict[str, Callable[[Reading, ArmTable, Sequence[ArmTable]], Sentence
     "order": _order,
     "sign": _sign,
     "offset": _offset,
+    "coupled": _coupled,
     "sliding": _sliding,
     "twisted": _twisted,
     "angle": _angle,

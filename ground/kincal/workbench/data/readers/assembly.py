@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,6 +29,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
     plan = columns.plan()
     columns.read(plan)
     values = columns.values
+    values["q"] = _uncoupled(values["q"], mapping.readings, table.source)
     targets = target_poses(columns, mapping.targets) if mapping.targets else _NO_TARGETS
     quat = quaternions(columns, mapping.rotation) if "rotation" in values else targets.quat_wxyz
     if "cam" in values:
@@ -74,6 +75,21 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         euler_rad=_rows(values["rotation"], good) if _form(mapping).startswith("euler") else None,
         **{name: _scalar(columns, name, good) for name in RECORDED if name != "t_s"},
     )
+
+
+def _uncoupled(q: Array, sums: Mapping[str, str], source: str) -> Array:
+    """(N, n) joint readings, each that is stated together with another joint's as what it is without."""
+    out = q.copy()
+    for name, text in sums.items():
+        one, sign, other = text.split()
+        to, first, second = (int(q_j[1:]) - 1 for q_j in (name, one, other))
+        if max(to, first, second) >= q.shape[1]:
+            raise BadInput(
+                f'[readings] {name} = "{text}" names a joint that is not there: there are {q.shape[1]}',
+                source,
+            )
+        out[:, to] = q[:, first] + (q[:, second] if sign == "+" else -q[:, second])
+    return out
 
 
 def _form(mapping: DataMap) -> str:
