@@ -11,9 +11,11 @@ from commands import good
 from exports import random_data, unfitted
 
 from kincal import workbench as wb
-from kincal.flight import library, tables
+from kincal.flight import Arm, library, tables
+from kincal.rotations import Pose
 from kincal.workbench.fit.identifiability import identifiability, residual_axes
 from kincal.workbench.model.uplink import coefficients, term_image
+from kincal_shared.errors import CannotAnswer
 
 
 def unknown_frames(path):
@@ -175,3 +177,26 @@ def test_flight_takes_the_turns_between_parallel_axes():
     bounds = {flight.text(c.name): c.ub for c in table.coef[0 : table.n_coef]}
     assert bounds["J2.beta_rad"] == pytest.approx(1.1 * 0.2)
     assert flown.excess(table) is None
+
+
+def test_poses_that_no_fit_explains_are_not_said_to_move_too_little():
+    """Three targets of the tool mixed in one column: what a fit leaves counts as noise, which determines next
+    to nothing. Two joints that move determine little whatever the noise."""
+    arm, rng = wb.read_arm("irb120"), np.random.default_rng(3)
+    arm = replace(arm, base=replace(arm.base, estimate=True), tool=replace(arm.tool, estimate=True))
+    base = Pose.of_wxyz([0.3, 0.2, 0.1], [1, 0, 0, 0])
+
+    def at(target_m, q):
+        return Arm.of(arm, base, Pose.of_wxyz(target_m, [1, 0, 0, 0])).fk(q).p_m
+
+    q = rng.uniform(-1, 1, (30, 6))
+    targets = np.array([at(m, q) for m in ([0.05, 0.02, 0.1], [-0.15, 0.02, 0.1], [0.05, -0.15, 0.1])])
+    ids = tuple(map(str, range(30)))
+    mixed = wb.Measurements("mixed", ids, q, targets[np.arange(30) % 3, np.arange(30)])
+    with pytest.raises(CannotAnswer, match="no fit explains the poses: 112 mm are left") as refused:
+        wb.compare(arm, mixed)
+    assert "several targets may be mixed" in refused.value.todo
+    two = q * [1, 1, 0, 0, 0, 0]
+    with pytest.raises(CannotAnswer, match="singular design") as refused:
+        wb.compare(arm, wb.Measurements("two joints", ids, two, at([0.05, 0.02, 0.1], two)))
+    assert refused.value.todo == "move more joints, and farther"

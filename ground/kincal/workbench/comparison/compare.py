@@ -34,7 +34,7 @@ from ..evidence.adequacy import (
 )
 from ..evidence.neighbours import Alike
 from ..fit.identifiability import Axis, Identifiability, identifiability, residual_axes
-from ..fit.least_squares import Fit, find_frames, fit_model, rms
+from ..fit.least_squares import Fit, find_frames, fit_model, rms, whitener
 from ..fit.length_scale import LengthScale, length_scale
 from ..model.effects import Hypothesis
 from ..model.parameters import given_no_beta, is_beta
@@ -260,6 +260,14 @@ def compare(
     )
 
 
+def _rank_without_misfit(fit: Fit) -> int:
+    """Directions that the poses would determine if the fit explained them to their noise, stated or usual:
+    what is left of a fit counts as noise, and a large one hides how well the joints are moved."""
+    whiten = whitener(fit.data)
+    rows = fit.J.reshape(fit.data.n, -1, len(fit.names))
+    return replace(fit, J=(whiten @ np.linalg.solve(fit.whiten, rows)).reshape(fit.J.shape), scale=1.0).rank
+
+
 def still_joints(data: Measurements) -> tuple[int, ...]:
     """Joints (from 1) that the poses do not move: nothing about them can be estimated."""
     return tuple(int(j) + 1 for j in np.flatnonzero(np.ptp(data.q, axis=0) < _STILL))
@@ -314,7 +322,16 @@ def _check_design(fit: Fit, dh: bool) -> None:
             fit.data.source,
             "measure more poses",
         )
-    if dh and fit.rank < _MIN_RANK_SHARE * len(fit.names):
+    least = _MIN_RANK_SHARE * len(fit.names)
+    if dh and fit.rank < least <= _rank_without_misfit(fit):
+        raise CannotAnswer(
+            f"no fit explains the poses: {1e3 * rms(fit.evaluation.r)[0]:.3g} mm are left with all DH errors "
+            f"fitted, and as noise that lets them determine {fit.rank} of {len(fit.names)} directions",
+            fit.data.source,
+            "`kincal model check` names some causes; several targets may be mixed in one column, or the arm "
+            "table be of another arm",
+        )
+    if dh and fit.rank < least:
         raise CannotAnswer(
             f"singular design: the poses determine {fit.rank} of {len(fit.names)} directions of the model",
             fit.data.source,
