@@ -258,7 +258,19 @@ def test_import_writes_the_table_and_prints_the_check(tmp_path):
     done = run("import", path, "--base", "base", "--tip", "tip", "-o", out)
     assert done.exit_code == 0, done.stderr
     assert float(re.search(r"largest difference .* (\S+) m,", done.stdout)[1]) <= 1e-12
-    assert read_arm(out).n == 7
+    assert "measures another point in a frame of its own: --estimate-frames" in done.stdout
+    arm = read_arm(out)
+    assert (arm.n, arm.base.estimate, arm.tool.estimate) == (7, False, False)
+
+
+def test_import_for_a_tracker_writes_unknown_frames(tmp_path):
+    path, out = random_urdf(tmp_path / "bot.urdf", 3), tmp_path / "arm.toml"
+    done = run("import", path, "--base", "base", "--tip", "tip", "--estimate-frames", "-o", out)
+    assert done.exit_code == 0, done.stderr
+    assert float(re.search(r"largest difference .* (\S+) m,", done.stdout)[1]) <= 1e-12
+    assert "frame of its own" not in done.stdout
+    arm = read_arm(out)
+    assert (arm.n, arm.base.estimate, arm.tool.estimate) == (7, True, True)
 
 
 def test_import_writes_nothing_where_it_cannot(tmp_path):

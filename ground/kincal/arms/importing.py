@@ -58,8 +58,12 @@ class ImportedArm:
     notes: tuple[str, ...]
 
 
-def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> ImportedArm:
+def import_urdf(
+    path: Path, base: str | None = None, tip: str | None = None, *, estimate_frames: bool = False
+) -> ImportedArm:
     """The serial chain between two links of a URDF as an arm table, checked at 100 random joint vectors.
+
+    estimate_frames: base and tool frame are unknown; what the URDF says of them stands beside that.
 
     BadInput for a file that holds no such chain; CannotAnswer if the chain does not fit into a table (more
     than 16 joints, axes so near parallel that the table would be wrong).
@@ -72,7 +76,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
             "choose --base or --tip nearer",
         )
     dh = dh_chain([joint.axis for joint in chain.joints])
-    text = _toml(chain, dh, path)
+    text = _toml(chain, dh, path, estimate_frames)
     table = validate(ArmFile, parse_toml(text, str(path)), str(path))
     own = _difference(table, chain, chain.steps)
     if not own.largest <= _TOLERANCE:
@@ -152,7 +156,7 @@ def _notes(chain: UrdfChain, dh: DhChain) -> list[str]:
 # --------------------------------------------------------------------------- file
 
 
-def _toml(chain: UrdfChain, dh: DhChain, path: Path) -> str:
+def _toml(chain: UrdfChain, dh: DhChain, path: Path, estimate_frames: bool) -> str:
     tool = dh.base
     for joint, row in zip(chain.joints, dh.rows, strict=True):
         tool = tool @ row.pose(0.0, joint.prismatic)
@@ -163,10 +167,10 @@ def _toml(chain: UrdfChain, dh: DhChain, path: Path) -> str:
         "gravity_m_s2 = [0.0, 0.0, -9.81]",
         "",
         f"# {chain.base_link} -> frame 0; estimate = true if the data are in another frame",
-        *_frame("base", dh.base),
+        *_frame("base", dh.base, estimate_frames),
         "",
         f"# last link -> {chain.tip_link}; estimate = true if another point was measured",
-        *_frame("tool", tool.inverse @ chain.tip),
+        *_frame("tool", tool.inverse @ chain.tip, estimate_frames),
     ]
     masses = _has_masses(chain)
     for joint, row, link in zip(chain.joints, dh.rows, dh.links, strict=True):
@@ -181,9 +185,10 @@ def _toml(chain: UrdfChain, dh: DhChain, path: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _frame(name: str, pose: Pose) -> list[str]:
+def _frame(name: str, pose: Pose, estimate: bool) -> list[str]:
     quat = _numbers(pose.quat_wxyz)
-    return [f"[{name}]", f"xyz_m = {_numbers(pose.p_m)}", f"quat_wxyz = {quat}", "estimate = false"]
+    return [f"[{name}]", f"xyz_m = {_numbers(pose.p_m)}", f"quat_wxyz = {quat}",
+            f"estimate = {str(estimate).lower()}"]  # fmt: skip
 
 
 def _joint(joint: ChainJoint, row: DhRow) -> list[str]:

@@ -56,8 +56,12 @@ def show_command(name: str) -> None:
 @click.argument("urdf", type=PATH)
 @click.option("--base", metavar="LINK", default=None, help="First link.  [default: the root]")
 @click.option("--tip", metavar="LINK", default=None, help="Last link.  [default: the only end]")
+@click.option("--estimate-frames", is_flag=True,
+              help="Base and tool frame are unknown: for data of a tracker or motion capture.")  # fmt: skip
 @click.option("--out", "-o", "out_path", type=FILE_OUT, required=True, help="Arm table to write (TOML).")
-def import_command(urdf: Path, base: str | None, tip: str | None, out_path: Path) -> None:
+def import_command(
+    urdf: Path, base: str | None, tip: str | None, estimate_frames: bool, out_path: Path
+) -> None:
     """Make an arm table from a URDF: any serial chain, as DH parameters with fixed base and tool frames.
 
     The table is compared with the URDF at 100 random joint vectors.
@@ -71,6 +75,6 @@ def import_command(urdf: Path, base: str | None, tip: str | None, out_path: Path
     from kincal_shared.writing import keep_inputs, write_file
 
     keep_inputs([out_path], [urdf])
-    made = import_urdf(urdf, base, tip)
+    made = import_urdf(urdf, base, tip, estimate_frames=estimate_frames)
     write_file(out_path, made.text)
-    click.echo(text.imported(made, out_path))
+    click.echo(text.imported(made, out_path, estimate_frames))

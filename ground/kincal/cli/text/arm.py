@@ -10,6 +10,12 @@ if TYPE_CHECKING:
     from kincal.arms import ImportedArm, ShippedArm
 
 
+_FIXED = (
+    "note: base and tool frame are those of the URDF; a tracker or motion capture measures another point in "
+    "a frame of its own: --estimate-frames"
+)
+
+
 def arms(shipped: Sequence[ShippedArm]) -> str:
     """One line an arm: name, joints, convention, title; its source below."""
     width = max(len(one.name) for one in shipped)
@@ -21,7 +27,7 @@ def arms(shipped: Sequence[ShippedArm]) -> str:
     return "\n".join(lines)
 
 
-def imported(made: ImportedArm, path: Path) -> str:
+def imported(made: ImportedArm, path: Path, estimate_frames: bool) -> str:
     """What was made of a URDF, and how near the table is to it."""
     masses = "with" if made.has_masses else "without"
     lines = [
@@ -29,5 +35,6 @@ def imported(made: ImportedArm, path: Path) -> str:
         f"check: largest difference to the URDF at 100 random joint vectors "
         f"{made.difference.position_m:.1e} m, {made.difference.rotation_rad:.1e} rad",
         *(f"note: {note}" for note in made.notes),
+        *([] if estimate_frames else [_FIXED]),
     ]
     return "\n".join(lines)
