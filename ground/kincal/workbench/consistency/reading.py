@@ -200,7 +200,6 @@ def motions(now: Reading, shipped: Sequence[ArmTable]) -> Iterator[Reading]:
         yield replace(now, sliding=now.sliding ^ {j})
         yield replace(now, twisted=now.twisted ^ {j})
         yield from (replace(now, offset=_at(now.offset, j, turn)) for turn in _QUARTERS)
-    yield from _two_offsets(now)
     yield from (replace(now, joints=arm.source) for arm in shipped)
 
 
@@ -213,7 +212,7 @@ def _signs(sign: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
         yield from product((1, -1), repeat=len(sign))
 
 
-def _two_offsets(now: Reading) -> Iterator[Reading]:
+def two_offsets(now: Reading) -> Iterator[Reading]:
     """Quarter turns at two joints, of which one alone may explain no more than none."""
     pairs = combinations(range(len(now.sign)), 2)
     for (i, j), (one, other) in product(pairs, product(_QUARTERS, repeat=2)):

@@ -31,13 +31,15 @@ from .reading import (
     mirrors,
     motions,
     poses,
+    two_offsets,
 )
 
 _POSES = 60  # enough to tell gross misreadings
 _ALL = 0.95  # share of the poses that counts where those far off are asked about
 _TRIED = 4  # readings a round that are fitted
 _ROUNDS = 6
-_MEASURED_RIGHT = 0.05  # of the motion: below it units and orientations of the poses are not in doubt
+_MEASURED_RIGHT = 0.05  # of the motion: below it units and orientations of the poses, and zeros of joints,
+# are not in doubt
 _BETTER = 0.75  # of the misfit: a step of the search
 _AS_GOOD = 1.1  # times the least misfit
 _ALIKE = 1.5  # times the misfit: a mirror explains as much as signs of joints
@@ -166,7 +168,7 @@ class Search:
 
     def _step(self, here: Reading) -> Reading | None:
         """The best reading one change away; None if none is much better, by fit or by regression."""
-        ranked = self.ranked(motions(here, self.shipped))
+        ranked = self.ranked([*motions(here, self.shipped), *self._zeros_otherwise(here)])
         tried = [*ranked[:_TRIED], *self._measured_otherwise(here), *frames(here, self.arm)]
         least = min(map(self.misfit, tried))
         if least < _BETTER * self.misfit(here):
@@ -179,6 +181,10 @@ class Search:
         if not (self.thorough or self.misfit(here) > _MEASURED_RIGHT):
             return ()
         return *poses(here, self.arm, self.data), *self.ranked(euler_orders(here, self.data))[:_TRIED]
+
+    def _zeros_otherwise(self, here: Reading) -> Iterable[Reading]:
+        """Readings with quarter turns at two joints, which leave much of the motion."""
+        return two_offsets(here) if self.misfit(here) > _MEASURED_RIGHT else ()
 
     def _pruned(self, reading: Reading) -> Reading:
         for simpler in simpler_than(reading):
