@@ -206,7 +206,7 @@ def one(name: str, scenario: str, seed: int, pairs: bool = False) -> Verdict:
         tuple(sorted(witness.warned)),
         wrong_correction(run, fault, witness),
         lost_table(witness, initial_crcs(scenario)) or lost_approval(run, witness),
-        hang(run, record, witness),
+        hang(run, record, witness, heard=all(kind.name != "housekeeping_lost" for kind in kinds)),
         silent(kinds, (scenario, seed), record, witness),
         round(run.mission_s, 1),
     )
@@ -261,13 +261,13 @@ def lost_approval(run: SimulatedRun, witness: Witness) -> str:
     return "" if crc in witness.approved else f"after a restart kinematics is {crc:08x}"
 
 
-def hang(run: SimulatedRun, record: dict, witness: Witness) -> str:
-    """Executive and flight have come to an end, and flight still lives."""
+def hang(run: SimulatedRun, record: dict, witness: Witness, *, heard: bool = True) -> str:
+    """Executive and flight have come to an end, and flight still lives. heard: its heartbeats arrive."""
     if not run.ended:
         return f"no end after {run.mission_s:.0f} s, state {witness.state}"
     if not record.get("reason"):
         return "the executive did not end"
-    unheard = run.log.counts["KC_HK"] == 0 or "heartbeat" in record["reason"]
+    unheard = run.log.counts["KC_HK"] == 0 or "heartbeat" in record["reason"] or not heard
     if witness.ticks - witness.heartbeat > HEARTBEAT_TICKS and not unheard:
         return f"no heartbeat for {(witness.ticks - witness.heartbeat) / 10:.1f} s"
     return ""

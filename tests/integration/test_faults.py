@@ -118,7 +118,9 @@ def test_a_hang_is_found(calm):
     run, record, witness = calm
     assert faults.hang(replace(run, ended=False), record, witness)
     assert faults.hang(run, {}, witness)
-    assert faults.hang(run, record, replace(witness, heartbeat=witness.ticks - 40))
+    unheard = replace(witness, heartbeat=witness.ticks - 40)
+    assert faults.hang(run, record, unheard)
+    assert faults.hang(run, record, unheard, heard=False) == ""
 
 
 def test_an_end_that_nothing_explains_is_found(calm):
