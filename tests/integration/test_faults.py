@@ -127,10 +127,10 @@ def test_an_end_that_nothing_explains_is_found(calm):
     _, record, witness = calm
     kind = next(k for k in KINDS if k.name == "arm_silent")
     stopped = {**record, "success": False, "reason": "flight aborted the calibration"}
-    assert faults.silent(kind, CALM, record, witness) == ""
-    assert faults.silent(kind, CALM, stopped, witness)
+    assert faults.silent([kind], CALM, record, witness) == ""
+    assert faults.silent([kind], CALM, stopped, witness)
     explained = SimpleNamespace(warned=witness.warned + faults.Counter(["IN_SILENT"]))
-    assert faults.silent(kind, CALM, stopped, explained) == ""
+    assert faults.silent([kind], CALM, stopped, explained) == ""
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,8 @@ def instead(
     study: Study, found: Selection, taking: Callable[[Model], None], evaluated: Callable[[Study], Study]
 ) -> tuple[Study, Selection]:
     """The selection of `never_worse`, or, where it took back an effect that others imitate, the one without
-    that effect, if held-out poses surely gain from it; and the study that it is of. evaluated: gives the study
-    of all poses."""
+    that effect, if held-out poses surely gain from it; and the study that it is of. evaluated: gives the
+    study of all poses."""
     for _ in range(_TRIES):
         gone = _imitated(study, found)
         if gone is None:
