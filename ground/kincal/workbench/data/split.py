@@ -35,3 +35,9 @@ def choose_split(data: Measurements) -> Split:
         chosen = np.argsort(np.argsort(first)) % _HELD_OUT == last
     held = chosen[number]
     return Split(np.flatnonzero(~held), np.flatnonzero(held), False)
+
+
+def may_be_fitted(data: Measurements) -> Measurements:
+    """The poses that a fit may use: all, but those that the file keeps back."""
+    split = choose_split(data)
+    return data.take(split.fit) if split.given else data

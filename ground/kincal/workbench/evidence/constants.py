@@ -12,6 +12,7 @@ from kincal_shared.schema.arm import ArmTable
 from kincal_shared.schema.names import split_constants
 
 from ..data.measurements import Measurements
+from ..data.split import may_be_fitted
 from ..fit.least_squares import Frames, find_frames, fit_model
 from ..model.effects import Hypothesis, Library
 from ..model.grids import finer
@@ -37,9 +38,11 @@ def choose_constants(
     """Hypotheses for effects by name, each grid constant (step time ...) at the value with the least cost,
     unless it stands behind the name (bias_step[3](t0=120)) or is known from an earlier fit.
 
-    joined: a name without a joint becomes one hypothesis of all joints instead of one per joint. BadInput
-    for an unknown name or constant, or where constants have to come from measurements and there are none.
+    joined: a name without a joint becomes one hypothesis of all joints instead of one per joint. Poses that
+    the file keeps back choose nothing. BadInput for an unknown name or constant, or where constants have to
+    come from measurements and there are none.
     """
+    data = None if data is None else may_be_fitted(data)
     stated = dict(map(split_constants, effects))
     names = [split_constants(text)[0] for text in effects]
     for name, constants in stated.items():
