@@ -206,8 +206,8 @@ def predicted(p: Predicted) -> str:
         f"{p.arm}: {p.poses} poses of {p.source}, {p.components} components"
         + ("" if p.fitted else "; the model was fitted to other files"),
         *([f"skipped: {p.skipped} malformed rows"] if p.skipped else []),
-        f"nominal arm        {_error(p.nominal)} in the base and tool frame of the fit, which suit its values: "
-        "`compare` gives the nominal arm its own",
+        f"nominal arm        {_error(p.nominal)} in the base and tool frame of the fit, which suit its "
+        "values; `compare` gives the nominal arm its own",
         f"fitted model       {_error(p.model)}, largest {_error(p.largest)}",
         f"when it was fitted {'unknown: no poses were held out' if p.held is None else _error(p.held)}"
         + (" on held-out poses" if p.held else ""),
