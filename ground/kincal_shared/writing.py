@@ -37,7 +37,10 @@ def claim(folder: Path, files: str, names: Iterable[str], *, former: bool = Fals
     may be replaced. BadInput if one of them is there without it: somebody else made it. files: what they are,
     such as "a run"; former: they are known to be ours, from versions that left no mark."""
     mark = folder / MARK
-    known = mark.read_text("utf-8").splitlines() if mark.is_file() else []
+    try:
+        known = mark.read_text("utf-8", errors="replace").splitlines() if mark.is_file() else []
+    except OSError as error:
+        raise cannot_write(mark, error) from None
     if files in known:
         return
     if not former and (others := sorted(name for name in names if os.path.lexists(folder / name))):
@@ -50,7 +53,7 @@ def claim(folder: Path, files: str, names: Iterable[str], *, former: bool = Fals
         folder.mkdir(parents=True, exist_ok=True)
         mark.write_text("\n".join([*known, files]) + "\n", "utf-8")
     except OSError as error:
-        raise cannot_write(folder, error) from None
+        raise cannot_write(mark, error) from None
 
 
 def write_file(path: Path, content: str | bytes) -> Path:

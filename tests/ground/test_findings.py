@@ -26,6 +26,7 @@ from kincal.workbench.fit.length_scale import length_scale
 from kincal.workbench.model.hypotheses import effect_of
 from kincal.workbench.model.places import all_places
 from kincal.workbench.prediction.gain import held_ratio, judged, rms_interval
+from kincal.workbench.prediction.nested import NestedModel, NestedModels
 from kincal.workbench.prediction.nextposes import NextPose
 from kincal.workbench.prediction.reachable import Reachable
 from kincal.workbench.report import advice, explain, headline
@@ -768,3 +769,20 @@ def test_calibration_that_helps_only_with_the_effects_is_advised_with_them(found
     steps = advice.next_steps(d, (), advice.Inputs("arm.toml", ("--data", "d.csv")))
     assert [step.command.split()[2] for step in steps][:4] == ["fit", "add", "fit", "export"]
     assert "not to be used without the effects below" in steps[0].why
+
+
+def test_the_labels_of_lines_stand_above_the_points_of_narrow_columns():
+    """Inside the axes they lay over the nominal arm's point where the page is narrow."""
+    one = NestedModel(
+        "nominal", "held-out poses", 4e-3, None, None, 5e-3, None, None, (3e-3, 5e-3), (4e-3, None)
+    )
+    figure = figures.nested(NestedModels((one,), NoiseFloor(1.9e-3, None, STATED), ()), reachable_m=2e-3)
+    labels = [a for a in figure.layout.annotations if a.text.startswith(("noise floor", "reachable"))]
+    title = next(a for a in figure.layout.annotations if a.text == "held-out poses")
+    places = [0.0, *(a.yshift for a in labels)]
+    assert len(labels) == 2 and all(a.y == 1 and a.yanchor == "bottom" for a in labels)
+    assert all(
+        above >= font
+        for above, font in zip(np.diff(places), (title.font.size, labels[0].font.size), strict=True)
+    )
+    assert places[-1] + labels[-1].font.size <= figure.layout.margin.t

@@ -19,7 +19,7 @@ from places import SRC
 from kincal.cli.errors import EXIT_INPUT
 from kincal_shared.errors import BadInput
 from kincal_shared.letters import unseen
-from kincal_shared.writing import write_file, write_files
+from kincal_shared.writing import MARK, claim, write_file, write_files
 
 
 def refused(*args):
@@ -274,3 +274,20 @@ def test_letters_of_any_script_are_shown():
     assert unseen("joint\U0001d159") == "U+1D159"  # a note without a head
     assert unseen("\uae38 Pr\u00fcfstand \u03b1 2.toml") == ""
     assert unseen("bytes that are no text \udc80") == ""
+
+
+def test_a_mark_that_is_no_text_marks_nothing(tmp_path):
+    """What a power loss left of it ended in a traceback, of an empty folder and of one with files."""
+    (tmp_path / MARK).write_bytes(b"\xff\xfe\x00")
+    claim(tmp_path, "a test", ["a.txt"])
+    (tmp_path / MARK).write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "a.txt").write_text("mine")
+    with pytest.raises(BadInput, match=r"holds a\.txt"):
+        claim(tmp_path, "a test", ["a.txt"])
+
+
+def test_a_mark_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / MARK).mkdir()
+    with pytest.raises(BadInput) as error:
+        claim(tmp_path, "a test", ["a.txt"])
+    assert error.value.where == str(tmp_path / MARK)

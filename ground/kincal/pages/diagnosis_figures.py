@@ -79,13 +79,12 @@ def _lines(models: NestedModels, reachable_m: float | None) -> Iterator[tuple[fl
 
 
 def _line_label(value_m: float, label: str, colour: str, level: int) -> dict[str, object]:
-    """Beside a line of the first column; on a logarithmic axis it stands at the logarithm. level: rows below
-    the top, so that labels of lines that are close do not cover each other. The nominal arm, which is drawn
-    there, is far from these lines; the final model is not."""
+    """Above a line of the first column and the column's title, where no point is drawn however narrow the
+    columns are; on a logarithmic axis it stands at the logarithm. level: rows above the title."""
     return {
         "x": float(np.log10(value_m * 1e3)), "y": 1, "xref": "x", "yref": "y domain", "showarrow": False,
         "text": f"{label} {value_m * 1e3:.3g}", "font": {"size": 11, "color": colour}, "xanchor": "left",
-        "yanchor": "top", "xshift": 3, "yshift": -13 * level,
+        "yanchor": "bottom", "xshift": -3, "yshift": 20 + 14 * level,
     }  # fmt: skip
 
 
