@@ -116,6 +116,17 @@ def test_a_base_that_turns_steadily_is_one_effect(tmp_path, library, every_s):
     assert abs(turned.value - 1e-3) < 1e-4 and turned.unit == "rad"
 
 
+def test_a_base_that_settles_in_translation_is_one_effect(tmp_path, library):
+    """Without x, y and z, `base_settling` was left out, and `base_drift` or `base_step` stood there."""
+    end = np.array([8e-4, -5e-4, 3e-4])
+    data = on_a_turning_base(lambda _q, _t_s: np.zeros(3), 70)
+    data = replace(data, p_m=data.p_m + np.outer(1 - np.exp(-data.t_s / 1200.0), end))
+    d = wb.diagnose(wb.read_arm(poses.arm_toml(tmp_path / "arm.toml")), data, library)
+    [found] = [e for e in d.effects if e.in_model]
+    assert found.name == "base_settling" and found.probability > 0.9
+    np.testing.assert_allclose([p.value for p in found.parameters if p.name in "xyz"], end, atol=1.5e-4)
+
+
 # --------------------------------------------------------------------------- against gravity
 
 
