@@ -1,6 +1,7 @@
-"""Several waves of one joint, or one smooth function of its angle: which is it?"""
+"""Waves of a joint or one smooth function of its angle, a base that drifts or wanders: which is it?"""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import poses
@@ -51,6 +52,33 @@ def study_of(tmp_path_factory, library):
     return study
 
 
+@pytest.fixture(scope="module")
+def study_moved(tmp_path_factory, library):
+    """Studies of a WAM that the sensor sees moved (N, 3) by what it makes of the shares of the session."""
+    folder = tmp_path_factory.mktemp("moved")
+    arm = wb.read_arm(poses.arm_toml(folder / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(folder / "poses.csv", 80, 33, noise_size=0.1), 7)
+    data = replace(data, cam_p_m=None, cam_quat_wxyz=None, cov=None)
+
+    def study(moved):
+        seen = replace(data, p_m=data.p_m + moved(np.linspace(0.0, 1.0, data.n)))
+        return Study.of(compare(arm, seen), library, (), True)
+
+    return study
+
+
+def walked(share):
+    return np.cumsum(np.random.default_rng(8).normal(0.0, 7e-5, (len(share), 3)), axis=0)
+
+
+def drifted(share):
+    return np.outer(share, [5e-4, -3e-4, 2e-4])
+
+
+def moved_once(share):
+    return np.outer(share > 0.6, [4e-4, 3e-4, -3e-4])
+
+
 def kept(study, *names):
     effects = choose_constants(study.library, names, study.base.arm, study.base.data)
     return tuple(Kept(h, "accepted", None) for h in effects)
@@ -83,3 +111,16 @@ def test_the_best_of_several_functions_pays_for_their_number(study_of):
     scorer = study_of(bump).scorer(())
     [cell] = [s for s in scorer.map(double=False) if s.name == "joint 4 | q4"]
     assert scaled_p(cell, 1.0) == pytest.approx(4.0 * flat_p(cell.score.chi2, cell.score.rank))
+
+
+@pytest.mark.parametrize("names", [("base_drift",), ("base_settling",), ("base_drift", "base_step")])
+def test_a_base_that_wanders_has_no_other_name(study_moved, names):
+    study = study_moved(walked)
+    assert without_pieces(study, kept(study, *names), {}) == ()
+
+
+@pytest.mark.parametrize(("moved", "name"), [(drifted, "base_drift"), (moved_once, "base_step")])
+def test_a_base_that_drifts_or_is_moved_keeps_its_name(study_moved, moved, name):
+    study = study_moved(moved)
+    [found] = without_pieces(study, kept(study, name), {})
+    assert found.effect.effect == name and found.identity > 0.9

@@ -1,9 +1,9 @@
 """Functions of a joint's own angle that are smoother or less smooth than the map's, and of time where frames
 move.
 
-A bump or a kink in one joint's error, its square or cube, a base that swings some times a session, are one
-function each. The kernels of the map have one length, which suits none of these; sums of named waves would
-be all that fits them.
+A bump or a kink in one joint's error, its square or cube, a base that swings some times a session or wanders,
+are one function each. The kernels of the map have one length, which suits none of these; sums of named waves,
+or of drift, step and settling, would be all that fits them.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ _PERIODIC = (0.5, 0.25)  # lengths of kernels of an angle [rad]
 _OPEN = 2.0  # of one that knows no turn, in standard deviations: straight lines, squares, cubes
 _MOST = 24  # columns
 _KEPT, _KEPT_OPEN = 0.999, 0.99999  # of a kernel's variance: a cube is a small part of a smooth one
+_WALK = 8  # terms of the series of a random walk
+_WALKED = (1.0, 0.2)  # sizes of a walk, in typical ones: the noise leaves the smallest terms of a small walk
 _MOVING = ("base translation", "base rotation", "camera translation", "camera rotation")
 
 
@@ -53,7 +55,8 @@ def _drivers(
     if data.t_s is None or np.ptp(data.t_s) <= 1e-9:
         return tuple(angles), ()
     share = (data.t_s - data.t_s.min()) / np.ptp(data.t_s)
-    return tuple(angles), tuple(Driver(session_driver(data), _wave(share, k)) for k in SWINGS)
+    moves = [*(_wave(share, k) for k in SWINGS), *walks(data)]
+    return tuple(angles), tuple(Driver(session_driver(data), x) for x in moves)
 
 
 def _periodic(q: Array, length: float) -> Array:
@@ -66,3 +69,15 @@ def _wave(share: Array, periods: float) -> Array:
     turn = 2.0 * np.pi * periods * share[:, None]
     wave = np.hstack([np.cos(turn), np.sin(turn)])
     return unit_variance(wave - wave.mean(axis=0))
+
+
+def walks(data: Measurements) -> list[Array]:
+    """(N, k) features of random walks in the session, each of another size: of the series of Karhunen and
+    Loeve of Brownian motion. Not centred: the base is where it is known to be as the session begins. None
+    without times."""
+    if data.t_s is None or np.ptp(data.t_s) <= 1e-9:
+        return []
+    share = (data.t_s - data.t_s.min()) / np.ptp(data.t_s)
+    half_turns = np.arange(_WALK) + 0.5
+    series = np.sin(np.pi * share[:, None] * half_turns) / half_turns
+    return [size * unit_variance(series) for size in _WALKED]
