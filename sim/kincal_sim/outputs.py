@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 from kincal_shared.errors import BadInput
 from kincal_shared.keys import JOURNAL, JOURNAL_END, RUN_KEYS
-from kincal_shared.writing import claim
+from kincal_shared.writing import MARK, claim
 
 from .scenario import Scenario
 
@@ -34,6 +35,24 @@ def take(out: Path) -> None:
     there, and no run has left it."""
     of_runs = [str(path.relative_to(out)) for path in _left_in(out, with_store=True)]
     claim(out, "a run", [*of_runs, RUN_KEYS, ERRORS, *SUMMARY], former=_is_run(out))
+
+
+@contextmanager
+def alone(out: Path) -> Iterator[None]:
+    """Take the folder, and keep other runs out of it. BadInput as take, or if another run is at it: each
+    would remove what the other has written. The lock is of this process, so that none is left by a run that
+    was killed."""
+    take(out)
+    with (out / MARK).open("rb") as mark:
+        try:
+            fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BadInput(
+                "another run is writing there", str(out), "wait for its end, or name another folder"
+            ) from None
+        except OSError:
+            pass  # a file system without locks
+        yield
 
 
 def _is_run(out: Path) -> bool:

@@ -79,6 +79,19 @@ def test_a_run_replaces_no_file_that_somebody_else_made(tmp_path, name):
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [mine] and mine.read_text() == "{}"
 
 
+@pytest.mark.parametrize("mode", ["fast", "pixels"])
+def test_a_folder_that_another_run_is_writing_to_is_refused(tmp_path, mode):
+    """Two at once removed each other's files, and one failed as if the calibration had."""
+    begin = run.perform if mode == "fast" else run.Processes
+    with outputs.alone(tmp_path):
+        before = sorted(tmp_path.iterdir())
+        with pytest.raises(BadInput, match=r"(?s)another run is writing there.*wait for its end"):
+            begin(request(out=tmp_path, mode=mode))
+        assert sorted(tmp_path.iterdir()) == before
+    with outputs.alone(tmp_path):  # free again
+        pass
+
+
 def test_a_run_of_a_version_without_mark_is_taken_over(tmp_path):
     (tmp_path / "launch.json").write_text('{"scenario": "paper", "seed": 1, "mode": "fast"}')
     outputs.prepare(tmp_path)

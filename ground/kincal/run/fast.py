@@ -20,7 +20,7 @@ from .store import Store
 
 installation.simulator()
 from kincal_sim import outputs  # noqa: E402
-from kincal_sim.scenario import load  # noqa: E402
+from kincal_sim.scenario import Scenario, load  # noqa: E402
 from kincal_sim.truth import truth_record  # noqa: E402
 
 if TYPE_CHECKING:
@@ -80,6 +80,14 @@ def perform(request: Request, observer: Observer) -> Finished:
     CommandFailed if the run does not end."""
     begun = time.monotonic()
     evaluator, scenario = Evaluator(request.tables), load(request.scenario)
+    with outputs.alone(request.out):
+        return _perform_alone(request, observer, evaluator, scenario, begun)
+
+
+def _perform_alone(
+    request: Request, observer: Observer, evaluator: Evaluator, scenario: Scenario, begun: float
+) -> Finished:
+    """perform, in a folder that no other run writes to."""
     store = Store(outputs.prepare(request.out))
     setup = Setup(
         tables=request.tables,

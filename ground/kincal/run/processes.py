@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ class Processes:
         _check_installation(request)
         from kincal_sim import outputs  # only now is it known to be there
 
-        outputs.take(request.out)
+        self._alone = ExitStack()
+        self._alone.enter_context(outputs.alone(request.out))
         # stderr to a file: a full pipe must not stop the launcher
         self._errors = (request.out / outputs.ERRORS).open("w+", encoding="utf-8")
         self.child = subprocess.Popen(
@@ -58,6 +60,7 @@ class Processes:
         if self.child.stdout:
             self.child.stdout.close()
         self._errors.close()
+        self._alone.close()
 
     def running(self) -> bool:
         """Whether the launcher still runs."""
