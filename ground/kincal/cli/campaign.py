@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -72,7 +73,7 @@ def campaign_run(spec: Path, folder: Path | None, processes: int, scheduler: str
         click.echo("interrupted; finished cases are kept, and the same command goes on", err=True)
         sys.exit(EXIT_INTERRUPTED)
     click.echo(f"{end.done} of {end.of} cases in {folder}; {end.flown} flown now, {end.died} of these died")
-    click.echo(f"report: kincal campaign report {folder}")
+    click.echo(f"report: kincal campaign report {shlex.quote(str(folder))}")
 
 
 @contextmanager
