@@ -31,10 +31,8 @@ _POSES = 150  # enough for a DH fit
 _GROSS = 10.0  # median errors, beyond which (and beyond a good misfit) a pose is off
 _MANY_OFF, _MOST_OFF = 0.05, 0.45  # share of the poses: more are no chance; the bulk does not follow the arm
 _STILL = 0.02  # [rad or m] from the middle reading: the joint moves
-_FEWEST_MOVING, _JUST_THESE = (
-    3,
-    0.8,
-)  # poses, and the share that those off and those of a joint have in common
+_FEWEST_MOVING = 3  # poses that are off, before a joint that moves in just these is blamed
+_JUST_THESE = 0.8  # share that the poses off and those in which a joint moves have in common
 _NAMED = 12  # of them in a sentence
 _MEDIAN_LENGTH = 1.54  # of three normal numbers of variance 1
 _FAR_ABOVE = 20.0  # times what a fit leaves: no fit leaves so little of the noise
