@@ -175,6 +175,13 @@ void test_a_file_that_cannot_be_read_is_refused_and_a_signal_is_no_failure(void)
     TEST_ASSERT_EQUAL_UINT32(7u, s_keys.key[0].id);
 }
 
+void test_a_number_has_every_digit(void)
+{
+    given_file("kincal-keys 1\n1234567890 " A "\n", strlen("kincal-keys 1\n1234567890 " A "\n"), 0600);
+    TEST_ASSERT_TRUE(kc_keys_read(s_path, &s_keys));
+    TEST_ASSERT_EQUAL_UINT32(1234567890u, s_keys.key[0].id);
+}
+
 void test_a_number_ends_at_what_is_no_digit(void)
 {
     refused_text("kincal-keys 1\n7: " A "\n", NO_NUMBER);

@@ -27,6 +27,9 @@ void test_there_is_no_edge_to_itself_or_beyond_the_candidates(void)
     TEST_ASSERT_FALSE(kc_space_edge(&s_s, 2u, 2u));
     s_s.edge[sizeof s_s.edge - 1u] = 0xffu;
     TEST_ASSERT_FALSE(kc_space_edge(&s_s, 1023u, 1022u));
+    memset(s_s.edge, 0xff, sizeof s_s.edge);
+    TEST_ASSERT_TRUE(kc_space_edge(&s_s, 8u, 2u));
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 9u, 2u)); /* the first that there is not */
 }
 
 /* Bit i (i - 1) / 2 + j, from the lowest of each byte: of a pair alone, and of all but that. */
