@@ -9,6 +9,7 @@ from places import DATA
 
 from kincal import workbench as wb
 from kincal.workbench.diagnosis.heldout import HeldGain
+from kincal.workbench.evidence.adequacy import find_outliers
 from kincal.workbench.evidence.serial import serial_correlation
 from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.prediction.crossval import stretches
@@ -181,3 +182,26 @@ def test_noise_of_one_encoder_is_no_unknown_function(arm, library):
     assert d.verdict == "undecidable" and not d.adequate_after and not in_model(d)
     assert d.novel is None or (d.novel.location == "joint 2" and not d.novel.found)
     assert "no effect is shown to predict" in explain.verdict(d)
+
+
+@pytest.mark.parametrize(
+    ("off", "said"),
+    [
+        ((57, 58, 59), "it lasts"),
+        ((30, 31, 33), "one after another"),
+        ((56, 57), "it lasts"),
+        ((10, 30, 50), ""),
+    ],
+)
+def test_outliers_that_were_measured_one_after_another_show_when_something_happened(arm, off, said):
+    """Three poses after a jump of the base were three outliers to leave out."""
+    rng = np.random.default_rng(3)
+    shifted_m = np.where(np.isin(np.arange(60), off)[:, None], 0.02, 0.0)
+    data = measured(rng.uniform(LOW, HIGH, (60, 7)), 4, white, size=0.0, shifted_m=shifted_m)
+    outliers = find_outliers(fit_model(arm, data))
+    assert outliers.ids == tuple(map(str, off))
+    words = explain.in_a_row(outliers)
+    assert said in words and bool(words) == bool(said) and ("lasts" in words) == (max(off) > 55)
+    if said:  # nor in rows of another order than that of measurement
+        shuffled = replace(data.take(rng.permutation(60)), t_s=None)
+        assert not find_outliers(fit_model(arm, shuffled)).in_a_row

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 
+from ..data.direction import order_of_measurement
 from ..data.measurements import Measurements
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit, taken_by
@@ -28,6 +30,8 @@ _MANY_OUTLIERS = 0.05  # of the poses; a model that leaves out more does not exp
 _CLUSTER_P = 0.01
 _FEATURES = 2  # of a kernel: one of them is even
 _MIN_CLUSTER = 3  # outliers; fewer cannot cluster
+_ROW_P = 0.05  # of outliers that are so near each other in time by chance; it is a hint, no verdict
+_SOON = 3  # poses behind the last outlier, of which chance may hide as many
 _LEAST_TO_TURN = 12  # poses
 _TURNED_P = 1e-6
 _LEAST_TURN = 0.4  # of what is left of the rotations
@@ -87,11 +91,15 @@ class WorstPose:
 @dataclass(frozen=True)
 class Outliers:
     """ids: poses that noise does not explain; poses: number of all; clusters: variables in which they
-    cluster, which makes them an effect rather than bad poses."""
+    cluster, which makes them an effect rather than bad poses; in_a_row: they were measured one after another,
+    or nearly so, which single bad poses are not; lasting: up to the last pose of the session, so that nobody
+    can tell whether what happened then has passed."""
 
     ids: tuple[str, ...]
     poses: int
     clusters: tuple[str, ...] = ()
+    in_a_row: bool = False
+    lasting: bool = False
 
     @property
     def few(self) -> bool:
@@ -208,7 +216,21 @@ def find_outliers(fit: Fit, held: Measurements | None = None) -> Outliers:
         names += held.ids
         flagged += list(gross((fit.predict(held)[:, :3] ** 2).sum(axis=1)))
     ids = tuple(name for name, out in zip(names, flagged, strict=True) if out)
-    return Outliers(ids, len(names), _clusters(thinned(fit), ids))
+    row = _stretch(fit.data, ids)
+    lasting = row is not None and row.stop + _SOON >= n
+    return Outliers(ids, len(names), _clusters(thinned(fit), ids), row is not None, lasting)
+
+
+def _stretch(data: Measurements, ids: tuple[str, ...]) -> range | None:
+    """The part of the session that has all outliers, where so short a part is no chance: by Bonferroni over
+    its n beginnings. None without two outliers or an order of measurement."""
+    order = order_of_measurement(data)
+    at = np.flatnonzero(np.isin(data.ids, ids)[order]) if order is not None else np.arange(0)
+    if len(at) < 2:
+        return None
+    row = range(int(at[0]), int(at[-1]) + 1)
+    p = data.n * comb(len(row) - 1, len(at) - 1) / comb(data.n, len(at))
+    return row if p < _ROW_P else None
 
 
 def _without_last_move(fit: Fit) -> Mask:

@@ -244,7 +244,7 @@ def _excluding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
             yield Step(why, _kincal("compare", *inputs.sources, *inputs.diagnosed))
         else:
             them = "it" if len(ids) == 1 else "them"
-            why = f"check {explain.outliers_left(d)}; to repeat without {them}:"
+            why = f"check {explain.outliers_left(d)}{explain.in_a_row(d.outliers)}; to repeat without {them}:"
             yield Step(why, _kincal("diagnose", *words))
 
 

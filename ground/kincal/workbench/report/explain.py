@@ -355,6 +355,16 @@ def outliers_left(d: Diagnosis) -> str:
     return f"the {remaining}outlier" if count == 1 else f"the {count} {remaining}outliers"
 
 
+def in_a_row(o: Outliers) -> str:
+    """What it means that outliers were measured one after another; empty if they were not."""
+    if not o.in_a_row:
+        return ""
+    happened = ": they were measured one after another, so something happened then"
+    if not o.lasting:
+        return happened
+    return f"{happened} (if it was a step, it lasts, and leaving them out hides it: measure more poses)"
+
+
 def among(o: Outliers, poses: Measurements) -> int:
     """How many of these poses are outliers."""
     return poses.n - int(poses.are_not(o.ids).sum())
