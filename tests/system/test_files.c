@@ -486,6 +486,10 @@ void test_a_slot_of_another_kind_is_damage(void)
     TEST_ASSERT_TRUE(event_at(&APP->boot_events, KC_EVT_BOOT_SLOT_BAD) >= 0);
 }
 
+static void overhear(void) { hear(2); }
+
+static void expect_said(const char *what) { TEST_ASSERT_NOT_NULL_MESSAGE(strstr(heard(), what), what); }
+
 void test_left_overs_of_a_write_that_was_cut_off_are_removed(void)
 {
     (void)store_arm(1);
@@ -577,10 +581,6 @@ void test_failed_writes_are_reported(void)
 }
 
 /* ---- what is said on standard error ---- */
-
-static void overhear(void) { hear(2); }
-
-static void expect_said(const char *what) { TEST_ASSERT_NOT_NULL_MESSAGE(strstr(heard(), what), what); }
 
 void test_what_the_store_cannot_do_is_said(void)
 {
