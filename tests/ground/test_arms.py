@@ -273,6 +273,22 @@ def test_import_for_a_tracker_writes_unknown_frames(tmp_path):
     assert (arm.n, arm.base.estimate, arm.tool.estimate) == (7, True, True)
 
 
+def test_import_names_the_almost_parallel_axes_alone(tmp_path):
+    """The length along the axis leads there, that of the next one back: its axes may be at right angles."""
+    joints = [
+        joint("a", "revolute", "base", "l1"),
+        joint("b", "revolute", "l1", "l2", rpy="1.5707963267948966 0 0"),
+        joint("c", "revolute", "l2", "l3", xyz="0.3 0.1 0", rpy="0.002 0 0"),
+        joint("d", "revolute", "l3", "l4", xyz="0.1 0.1 0", rpy="1.5707963267948966 0 0"),
+    ]
+    out = tmp_path / "arm.toml"
+    done = run("import", urdf(tmp_path / "bot.urdf", joints), "-o", out)
+    assert done.exit_code == 0, done.stderr
+    assert [k for k, row in enumerate(read_arm(out).joints) if abs(row.d_m) > 10.0] == [1, 2]
+    named = re.findall("joint (.) and the next are almost parallel, (\\S+) rad", done.output)
+    assert named == [("b", "2.0e-03")]
+
+
 def test_import_writes_nothing_where_it_cannot(tmp_path):
     path = random_urdf(tmp_path / "bot.urdf", 3)
     (tmp_path / "file").write_text("")

@@ -250,6 +250,20 @@ def test_an_arm_table_that_is_all_in_millimetres_is_one_finding():
     assert found.fix == "write a_m, d_m, xyz_m of [base], xyz_m of [tool] in metres"
 
 
+def test_links_along_almost_parallel_axes_and_back_are_no_millimetres():
+    """Axes of joints 2 and 3 that are 2 mrad skew and cross 17 m away, as an exported URDF has them."""
+    arm, rng = read_arm("irb120"), np.random.default_rng(5)
+    joints = list(arm.joints)
+    joints[1] = replace(joints[1], d_m=-17.4, alpha_rad=2e-3)
+    joints[2] = replace(joints[2], d_m=17.4)
+    arm = replace(arm, joints=tuple(joints))
+    q = rng.uniform(-1.2, 1.2, (40, 6))
+    p_m = Arm.of(arm, Pose.identity(), Pose.identity()).fk(q).p_m
+    data = wb.Measurements("skew", tuple(map(str, range(40))), q, p_m + rng.normal(0, 1e-4, p_m.shape))
+    assert codes(arm, data) == set()
+    assert codes(arm, replace(data, p_m=1e3 * data.p_m)) == {"millimetres"}
+
+
 def test_a_large_arm_in_metres_is_not_in_millimetres():
     arm, data = real("ur5")
     lengths = [(j, key) for j in range(1, 7) for key in ("a_m", "d_m")]
@@ -340,7 +354,7 @@ def test_check_names_code_reason_fix_and_gain_with_status_1(folder):
     done = kincal("check", "--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--json")
     assert done.exit_code == EXIT_FAILED
     answer = json.loads(done.stdout)
-    finding = answer["findings"][0]  # worst first; readings outside the limits follow
+    (finding,) = answer["findings"]  # readings outside the limits follow from it, and are not said
     assert not answer["ok"]
     assert finding["code"] == "joint_order"
     assert finding["gain"] > 10.0
@@ -450,7 +464,7 @@ def coupled(q, factor=-1.0):
 def test_readings_of_a_joint_that_contain_the_one_before_are_found(tmp_path, factor):
     arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
     data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 40, 3), 7)
-    finding, *_ = check(arm, replace(data, q=coupled(data.q.copy(), factor)), thorough=False).findings
+    (finding,) = check(arm, replace(data, q=coupled(data.q.copy(), factor)), thorough=False).findings
     assert (finding.code, finding.severity) == ("coupled", "error")
     assert "readings of joint 3 contain joint 2 (as FANUC controllers" in finding.why
     assert finding.fix.endswith(f'[readings] q3 = "q3 {"-" if factor > 0 else "+"} q2"')

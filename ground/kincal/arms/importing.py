@@ -25,6 +25,7 @@ _CHECKED = 100  # random joint vectors
 _SEED = 1  # of the joint vectors, so that the check is the same every time
 _TOLERANCE = 1e-9  # [m, rad] above which the conversion itself failed
 _FAR_M = 10.0  # DH lengths above it come from axes that are almost parallel
+_SKEW_RAD = 0.2  # axes of which at least that is skew cross within the reach of an arm
 _CLEAN = 1e-15  # [m, rad] numbers below it are 0
 _TURN_RAD = 2.0 * math.pi
 
@@ -144,8 +145,9 @@ def _notes(chain: UrdfChain, dh: DhChain) -> list[str]:
     elif without:
         notes.append("the URDF has no masses: effects of gravity are not testable until the table has them")
     for joint, row in zip(chain.joints, dh.rows, strict=True):
-        if max(abs(row.d_m), abs(row.a_m)) > _FAR_M:
-            skew_rad = abs(math.sin(row.alpha_rad))
+        skew_rad = abs(math.sin(row.alpha_rad))
+        far = max(abs(row.d_m), abs(row.a_m)) > _FAR_M
+        if far and skew_rad < _SKEW_RAD:  # the next row, whatever its angle, leads back
             notes.append(
                 f"joint {joint.name} and the next are almost parallel, {skew_rad:.1e} rad "
                 f"(d = {row.d_m:.6g} m); the nominal URDF, with parallel axes, is the better start"

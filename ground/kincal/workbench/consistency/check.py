@@ -35,6 +35,7 @@ _FEWEST_MOVING = 3  # poses that are off, before a joint that moves in just thes
 _JUST_THESE = 0.8  # share that the poses off and those in which a joint moves have in common
 _NAMED = 12  # of them in a sentence
 _MEDIAN_LENGTH = 1.54  # of three normal numbers of variance 1
+_OF_READINGS = {"joint_order", "sign", "offset", "coupled", "joint_type"}  # may lead out of the limits
 _FAR_ABOVE = 20.0  # times what a fit leaves: no fit leaves so little of the noise
 
 
@@ -98,7 +99,7 @@ def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
         found += _noise_in_another_unit(arm, data, {finding.code for finding in found})
     else:
         found.append(_too_few(data))
-    if mixed or any(finding.why.startswith(READINGS) for finding in found):
+    if mixed or any(finding.code in _OF_READINGS or finding.why.startswith(READINGS) for finding in found):
         found = [finding for finding in found if finding.code != "outside_limits"]  # which that explains
     return Check(arm.name, data.source, data.n, _finite(left), tuple(sorted(found, key=_rank)))
 

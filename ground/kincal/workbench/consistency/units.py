@@ -127,7 +127,7 @@ def links_in_metres(arm: ArmTable, data: Measurements) -> tuple[ArmTable, tuple[
         return arm, ()
     found = _shortened(arm, data, ordered, links, far) if data.n >= LEAST_POSES else None
     if found is None:
-        return arm, (_impossible(arm, ordered, links),) if far else ()
+        return arm, (_impossible(arm, ordered, links),) if far and not _there_and_back(arm, data) else ()
     some, gain = found
     if len(some) == len(ordered):
         shorter, frames = _frames_in_metres(_in_metres(arm, some), data)
@@ -159,6 +159,14 @@ def _shortened(
     given = misfit(arm, data)
     better = best <= _AS_GOOD * given if far else best <= _EXPLAINED and _BETTER * best <= given
     return (ordered[:chosen], given / best) if better else None
+
+
+def _there_and_back(arm: ArmTable, data: Measurements) -> bool:
+    """The links are as long as stated: the arm explains the poses, and these lie within the reach of an arm.
+    Axes that are almost parallel have such links, there and back along them."""
+    if data.n < LEAST_POSES or np.ptp(data.p_m, axis=0).max() > _MOST_REACH_M:
+        return False
+    return misfit(arm, data) <= _EXPLAINED
 
 
 def _in_metres(arm: ArmTable, some: Sequence[Link]) -> ArmTable:
