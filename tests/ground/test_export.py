@@ -802,6 +802,21 @@ def test_a_model_that_says_nothing_of_other_poses_is_refused(folder, tmp_path, e
     made = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "python", "-o", "o.py")
     assert (made.exit_code == 0) is fitted
     assert ("valid for the fitted session only" in made.stderr) is fitted
+    assert ("give a t_s of that session, its end for the arm as it was left" in made.stderr) is fitted
+
+
+def test_a_file_without_the_effects_of_its_session_is_not_to_be_fitted_without_them(folder, tmp_path):
+    """Their error would go into the DH values; that of other effects may, where the file cannot hold them."""
+    on = ("--arm", str(folder / "arm.toml"), "--data", str(folder / "poses.csv"), "--model", "M.toml")
+    well(tmp_path, "model", "add", "--model", "M.toml", "time_drift[2]")
+    well(tmp_path, "model", "fit", *on)
+    said = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "dh", "-o", "o.toml").stderr
+    assert "time_drift[2]; the file holds the arm as it is where that is zero" in said
+    assert "fit a model without" not in said
+    well(tmp_path, "model", "add", "--model", "M.toml", "backlash[4]")
+    well(tmp_path, "model", "fit", *on)
+    said = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "dh", "-o", "o.toml").stderr
+    assert said.rstrip().endswith("fit a model without backlash[4]")
 
 
 def test_json_holds_every_number_with_its_unit(folder):

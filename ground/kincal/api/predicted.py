@@ -66,9 +66,11 @@ def predict(
     check_needs(library, calibrated.effects, calibrated.arm, data)
     if drifting := calibrated.of_session:
         raise CannotAnswer(
-            f"{', '.join(drifting)}: valid for the fitted session only, and so are the other values",
+            f"{', '.join(drifting)}: valid for the fitted session only; the model does not say what becomes "
+            "of that in another one",
             calibrated.file,
-            "`kincal model remove` it, by its name in `kincal model list`, and `kincal model fit` again",
+            "`kincal model export --format python`: forward(q, t_s=...) at the end of that session is the "
+            "arm as it was left; a fit without the effect would put its error into the DH values",
         )
     named = [(c.name, Parameter(c.name, c.unit, c.prior_sigma, c.terms)) for c in calibrated.coefficients]
     model = flight_model(calibrated.arm, data, calibrated.base, calibrated.tool, named)

@@ -317,12 +317,7 @@ def export_command(
     beside = [model_path.parent / path for path in measured]
     made = export(calibrated, form, out_path, keep=(model_path, Path(arm.source), *measured, *beside))
     click.echo(text.exported(made))
-    if form != "dh" and calibrated.of_session:
-        names = ", ".join(calibrated.of_session)
-        click.echo(
-            f"note: valid for the fitted session only, since time starts again in others: {names}; to leave "
-            "it out: `kincal model remove`, then `fit` and `export` again",
-            err=True,
-        )
+    if calibrated.of_session:
+        click.echo(text.of_session(calibrated.of_session, form), err=True)
     if made.left_out:
-        click.echo(text.left_out(made, form, chosen.fit), err=True)
+        click.echo(text.left_out(made, form, chosen.fit, calibrated.of_session), err=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import isfinite
 from typing import Any
 
@@ -158,10 +158,7 @@ def contents(model: ModelFile) -> str:
     return "\n".join([*(model.texts or ("no effects (DH only)",)), *fitted])
 
 
-_WITHOUT_EFFECTS = (
-    "  --format python and --format c contain them",
-    "  for the best DH table or URDF alone, fit a model without them",
-)
+_WITH_EFFECTS = "  --format python and --format c contain them"
 
 
 def exported(made: Exported) -> str:
@@ -169,22 +166,42 @@ def exported(made: Exported) -> str:
     return "\n".join(f"{path}: {path.stat().st_size} bytes" for path in made.files)
 
 
-def left_out(made: Exported, form: str, fit: FitEntry | None) -> str:
-    """What the format does not hold, which ones do, and the error of what was written; fit: of the model."""
+def of_session(names: Sequence[str], form: str) -> str:
+    """What an export holds of effects that follow the time of the fitted session. A fit without them is no
+    way out: DH values and frames would then follow that session."""
+    them = "them" if len(names) > 1 else "it"
+    holds = (
+        "the file holds the arm as it is where that is zero: before a step, at the start of a drift, after "
+        "settling"
+        if form in ("dh", "urdf")
+        else "give a t_s of that session, its end for the arm as it was left"
+    )
+    return (
+        f"note: valid for the fitted session only, since time starts again in others: {', '.join(names)}; "
+        f"{holds}. A fit without {them} would put the error into the DH values"
+    )
+
+
+def left_out(made: Exported, form: str, fit: FitEntry | None, session: Sequence[str] = ()) -> str:
+    """What the format does not hold, which ones do, and the error of what was written; fit: of the model;
+    session: effects that follow time."""
     return "\n".join(
         [
             f"warning: --format {form} cannot represent these effects (mm: RMS over the fitted poses):",
             *(f"  {one}" for one in made.left_out),
-            *_without_them(made, form, fit),
+            *_without_them(made, form, fit, session),
         ]
     )
 
 
-def _without_them(made: Exported, form: str, fit: FitEntry | None) -> Iterator[str]:
+def _without_them(made: Exported, form: str, fit: FitEntry | None, session: Sequence[str]) -> Iterator[str]:
     if form not in ("dh", "urdf"):
         return
-    if [one.effect for one in made.left_out] != [BETA]:
-        yield from _WITHOUT_EFFECTS
+    left = [one.effect for one in made.left_out]
+    if left != [BETA]:
+        yield _WITH_EFFECTS
+        if others := [effect for effect in left if effect not in (BETA, *session)]:
+            yield f"  for the best DH table or URDF alone, fit a model without {explain.listed(others)}"
         return
     held, exported = (None, None) if fit is None else (fit.held_table_mm, fit.exported_table_mm)
     if fit is not None and fit.held_mm is not None and held is not None:
