@@ -805,6 +805,18 @@ def test_a_model_that_says_nothing_of_other_poses_is_refused(folder, tmp_path, e
     assert ("give a t_s of that session, its end for the arm as it was left" in made.stderr) is fitted
 
 
+def test_fit_of_a_model_with_effects_to_other_measurements_says_so(folder, tmp_path):
+    """The advice for a second set may name the model file of the first."""
+    (tmp_path / "M.toml").write_bytes((folder / "M.toml").read_bytes())
+    on = ("model", "fit", "--arm", str(folder / "arm.toml"), "--model", "M.toml", "--data")
+    assert "keeps its effects" not in well(tmp_path, *on, str(folder / "poses.csv")).stderr
+    lines = (folder / "poses.csv").read_text().splitlines()
+    (tmp_path / "other.csv").write_text("\n".join(lines[:-1]))
+    said = well(tmp_path, *on, "other.csv").stderr
+    assert "poses.csv, and keeps its effects: backlash[4], tag_scale; a new name after --model" in said
+    assert "keeps its effects" not in well(tmp_path, *on, "other.csv").stderr
+
+
 def test_a_file_without_the_effects_of_its_session_is_not_to_be_fitted_without_them(folder, tmp_path):
     """Their error would go into the DH values; that of other effects may, where the file cannot hold them."""
     on = ("--arm", str(folder / "arm.toml"), "--data", str(folder / "poses.csv"), "--model", "M.toml")

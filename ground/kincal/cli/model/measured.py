@@ -167,13 +167,15 @@ def fit_command(
     from kincal.api.case import Case
     from kincal.api.models import load_model, place_of
     from kincal.cli.text import model as text
-    from kincal.workbench.comparison.fitrecord import fitted
+    from kincal.workbench.comparison.fitrecord import file_digest, fitted
     from kincal.workbench.model.modelfile import replace_model
     from kincal.workbench.numerics.background import second_process
     from kincal.workbench.report.answers import fit_json, fit_text
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm, must_exist=False)
+    if note := text.of_other_data(chosen, {str(path): file_digest(path) for path in given.paths}):
+        click.echo(note, err=True)
     with second_process() as begin:
         with progress() as tick:
             result = Case.of_model(arm, data, chosen, library).fit(tick, begin)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -135,6 +135,18 @@ def _term_line(name: str, term: TermEntry) -> str:
 def names(model: ModelFile) -> str:
     """The effects of a model in one line."""
     return ", ".join(model.texts) or "no effects (DH only)"
+
+
+def of_other_data(model: ModelFile, files: Mapping[str, str]) -> str:
+    """That a model has effects and was fitted to other files than these, path and digest; empty where not."""
+    if model.fit is None or not model.texts:
+        return ""
+    if any(entry.path in files or entry.sha256 in files.values() for entry in model.fit.data):
+        return ""
+    return (
+        f"note: the model was fitted to {', '.join(entry.path for entry in model.fit.data)}, and keeps its "
+        f"effects: {names(model)}; a new name after --model begins without effects"
+    )
 
 
 def contents_json(model: ModelFile) -> dict[str, Any]:
