@@ -785,6 +785,22 @@ def test_the_error_at_other_poses_is_that_of_the_exported_code(folder, tmp_path,
     assert f"note: the model was fitted to {folder / 'poses.csv'}: this is not a prediction" in said
 
 
+def test_a_fit_to_positions_says_nothing_of_orientations(tmp_path):
+    """The turn of the tool frame that the fit leaves open was given as their error."""
+    poses.arm_toml(tmp_path / "arm.toml")
+    found = []
+    for position_only in (True, False):
+        poses.poses_csv(tmp_path / f"{position_only}.csv", 40, 3, position_only=position_only)
+        if position_only:
+            well(tmp_path, "model", "fit", "--arm", "arm.toml", "--data", "True.csv", "--model", "M.toml")
+        given = ("model", "predict", "--model", "M.toml", "--data", f"{position_only}.csv")
+        found.append(json.loads(well(tmp_path, *given, "--json").stdout))
+        assert ("orientations are not compared" in well(tmp_path, *given).stdout) is not position_only
+    for key in ("components", "errors", "max", "worst_poses"):
+        assert found[0][key] == found[1][key]
+    assert found[1]["components"] == 3 and found[1]["errors"][1]["rot_mrad"] is None
+
+
 @pytest.mark.parametrize(
     ("effects", "fitted", "status", "says"),
     [

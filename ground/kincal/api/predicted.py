@@ -34,14 +34,16 @@ class PoseError:
 @dataclass(frozen=True)
 class Predicted:
     """Errors at N poses that no value was fitted to. nominal: of the arm table, in the base and tool frame
-    that the fit found; model: with all fitted values; held: the error on held-out poses when it was fitted,
-    None if there were none; residuals: (N, c) of the model, measured minus predicted; worst: poses, the worst
-    first; fitted: files of these measurements that the model was fitted to."""
+    that the fit found; oriented: the poses have orientations that are not compared; model: with all fitted
+    values; held: the error on held-out poses when it was fitted, None if there were none; residuals: (N, c)
+    of the model, measured minus predicted; worst: poses, the worst first; fitted: files of these measurements
+    that the model was fitted to."""
 
     arm: str
     source: str
     poses: int
     components: int
+    oriented: bool
     skipped: int
     nominal: PosRot
     model: PosRot
@@ -76,17 +78,21 @@ def predict(
     model = flight_model(calibrated.arm, data, calibrated.base, calibrated.tool, named)
     values = np.array([c.value for c in calibrated.coefficients])
     frames = np.array([c.group in (BASE, TOOL) for c in calibrated.coefficients], dtype=bool)
-    residuals = model.residuals(values)
     record = calibrated.record
+    compared = slice(
+        min(record.components, data.components)
+    )  # a fit to positions leaves the tool's turn open
+    residuals = model.residuals(values)[:, compared]
     held = None if record.held_mm is None else (record.held_mm * 1e-3, _scaled(record.held_mrad))
     known = {entry.sha256 for entry in record.data}
     return Predicted(
         arm=calibrated.arm.name,
         source=data.source,
         poses=data.n,
-        components=data.components,
+        components=residuals.shape[1],
+        oriented=data.components > residuals.shape[1],
         skipped=len(data.skipped),
-        nominal=rms(model.residuals(np.where(frames, values, 0.0))),
+        nominal=rms(model.residuals(np.where(frames, values, 0.0))[:, compared]),
         model=rms(residuals),
         held=held,
         residuals=residuals,

@@ -241,6 +241,8 @@ def predicted(p: Predicted) -> str:
         f"when it was fitted {'unknown: no poses were held out' if p.held is None else _error(p.held)}"
         + (" on held-out poses" if p.held else ""),
     ]
+    if p.oriented:
+        lines.append("note: orientations are not compared: the model was fitted to positions alone")
     lines += [f"note: the model was fitted to {file}: this is not a prediction" for file in p.fitted]
     return "\n".join(
         [*lines, "worst poses        " + "; ".join(f"{w.id} {_error((w.pos_m, w.rot_rad))}" for w in p.worst)]
