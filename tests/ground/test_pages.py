@@ -12,9 +12,10 @@ import plotly.graph_objects as go
 import pytest
 from samples import result
 
-from kincal.pages import glossary, image, page, run, run_figures, theme
+from kincal.pages import glossary, image, page, run, run_figures, theme, words
 from kincal.pages.page import Cell, Grid, Page, Provenance, Section, Tile
 from kincal.results import Curve
+from kincal.workbench.model.unnamed_names import OF_ORIENTATION
 from kincal_shared.errors import BadInput
 
 ORIGIN = Provenance("2026-11-22", {"arm": "1a2b3c4d"}, "out/run.lcmlog", "ab" * 32, seed=7)
@@ -50,6 +51,14 @@ class Balance(HTMLParser):
 
 
 # --------------------------------------------------------------------------- the page
+
+
+@pytest.mark.parametrize("name", [*sorted(OF_ORIENTATION), "dir1"])
+def test_titles_of_small_panels_do_not_cover_their_neighbours(name):
+    lines = words.title(name).split("<br>")
+    assert " ".join(lines).replace("\N{NO-BREAK SPACE}", " ") == words.axis(name)
+    assert max(map(len, lines)) <= 34 and len(lines) <= 3
+    assert all(line.count("[") == line.count("]") for line in lines)
 
 
 def test_page_opens_from_disk_without_a_network(written):

@@ -131,7 +131,7 @@ def _panels(
     figure = make_subplots(
         rows=rows, cols=per_row, subplot_titles=titles, shared_yaxes=shared,
         horizontal_spacing=0.025 if shared else 0.05,
-        vertical_spacing=0.28 / rows,
+        vertical_spacing=0.36 / rows,  # three lines of a title
     )  # fmt: skip
     theme.styled(figure, 90 + height_px * rows, margin={"t": 44, "b": 84},
                  legend={"orientation": "h", "y": 0.0, "yref": "container", "yanchor": "bottom"})  # fmt: skip
@@ -146,7 +146,7 @@ def variables(d: Diagnosis, poses: Poses) -> go.Figure:
     """Residual components against the variables that explain most of them, with means of bins."""
     fit = d.comparison.fit_all
     names = [w.variable for w in d.comparison.where[:_VARIABLES]]
-    figure, places = _panels(["" for _ in names], 4, 260, "residual [mm]")
+    figure, places = _panels(["" for _ in names], 4, 300, "residual [mm]")
     parts = [fit.evaluation.r[:, k] * 1e3 for k in range(3)]
     limits = bulk_range(*parts)
     for name, at in zip(names, places, strict=True):
@@ -154,7 +154,7 @@ def variables(d: Diagnosis, poses: Poses) -> go.Figure:
         for part, axis, colour in zip(parts, "xyz", (theme.RED, theme.GREEN, theme.BLUE), strict=True):
             traces = _trend(poses, x, part, limits, colour, axis, named=at == (1, 1))
             figure.add_traces(traces, rows=[at[0]] * len(traces), cols=[at[1]] * len(traces))
-        figure.update_xaxes(title_text=words.axis(name), row=at[0], col=at[1])
+        figure.update_xaxes(title_text=words.title(name), row=at[0], col=at[1])
     return figure.update_yaxes(range=limits)
 
 
@@ -173,7 +173,7 @@ def suspects(d: Diagnosis, poses: Poses) -> go.Figure:
             x = variable_values(variable, fit)
             traces = _trend(poses, x, moved[place, label], limits, colour, label, named=at == (1, 1))
             figure.add_traces(traces, rows=[at[0]] * len(traces), cols=[at[1]] * len(traces))
-        figure.update_xaxes(title_text=words.axis(variable), row=at[0], col=at[1])
+        figure.update_xaxes(title_text=words.title(variable), row=at[0], col=at[1])
         figure.update_yaxes(range=limits, row=at[0], col=at[1])
     return figure
 

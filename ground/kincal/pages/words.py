@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 
 from kincal.workbench.model.unnamed_names import GRAVITY, HEADINGS, OF_ORIENTATION, TOOL_AXES
 from kincal.workbench.report import explain
@@ -11,6 +12,7 @@ from kincal_shared.schema.names import FAULTS, LEVER_STRIDE, PNP, VARIABLES
 HEADING = "heading of the tool"
 """All headings together."""
 
+_TITLE = 34  # characters of a line under one of four panels side by side
 _INDEXED = re.compile(r"(?P<kind>[a-z]+?)(?P<number>\d+)(?P<rest>.*)", re.S)
 _LEVER = re.compile(r"lev(?P<axis>[xyz])")
 
@@ -56,6 +58,12 @@ def axis(name: str, unit: str | None = None) -> str:
         return f"{driver(name)}, z component{of}"
     said = _unit(name) if unit is None else unit
     return f"{driver(name)} [{said}]" if said else driver(name)
+
+
+def title(name: str) -> str:
+    """Title of the axis of a driver variable under a small panel: in lines, or it covers its neighbours'."""
+    whole = re.sub(r"\[.*\]", lambda unit: unit[0].replace(" ", "\N{NO-BREAK SPACE}"), axis(name))
+    return "<br>".join(textwrap.wrap(whole, _TITLE))
 
 
 def _unit(name: str) -> str:
