@@ -379,6 +379,17 @@ def test_own_effect_is_listed_added_fitted_and_uplinked(tmp_path, model):
     assert (ffi.string(table.coef[28].name), table.n_term) == (b"odd_coupling", 29)
 
 
+def test_effects_that_the_model_file_remembers_may_be_named_again(tmp_path, monkeypatch):
+    """By a path from the folder of work; only other effects of the same name are refused."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(MINE)
+    (tmp_path / "copy.toml").write_text(MINE)
+    good("add", "--model", "M.toml", "--effects", "mine.toml", "odd_coupling")
+    good("add", "--model", "M.toml", "--effects", "mine.toml", "backlash[4]")
+    done = kincal("add", "--model", "M.toml", "--effects", "copy.toml", "backlash[5]")
+    assert done.exit_code == EXIT_INPUT and "already in the library" in done.stderr
+
+
 def test_log_of_the_flight_process_is_read_as_it_is(flight_log):
     got = answer("compare", "--arm", "wam", "--data", flight_log)
     has(COMPARE, got)

@@ -393,9 +393,10 @@ class Library:
 
     @classmethod
     def load(cls, *user_files: str | Path) -> Library:
-        """The built-in effects and those of a user's files. BadInput names file, effect and key."""
+        """The built-in effects and those of a user's files, each once: a model file names its own, and a
+        command may name them again. BadInput names file, effect and key."""
         effects = [*_built_in()]
-        for path in user_files:
+        for path in {Path(path).resolve(): path for path in user_files}.values():
             mine = _effects(_read(path), str(path))
             taken = {effect.name for effect in effects}
             for name in (effect.name for effect in mine if effect.name in taken):
