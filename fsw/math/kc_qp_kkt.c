@@ -1,6 +1,6 @@
 /* The conditions of Karush, Kuhn and Tucker at x: gradient, sides of the bounds, what is left. */
 #include "kc_qp_priv.h"
-#include "kc_rows.h"
+#include "kc_rows_priv.h"
 
 #define LD KC_QP_LD
 

@@ -1,9 +1,21 @@
 /* Sums of rows, inline: many independent sums side by side, so that none waits for another one. The order of the
  * operations of each is fixed. */
-#ifndef KC_ROWS_H
-#define KC_ROWS_H
+#ifndef KC_ROWS_PRIV_H
+#define KC_ROWS_PRIV_H
 
 #include <stdint.h>
+#include <string.h>
+
+/* Two numbers side by side, for CPUs that compute two at once; where the compiler takes them apart, the bits are the
+ * same. */
+typedef double kc_pair_t __attribute__((vector_size(16)));
+
+static inline kc_pair_t kc_pair(const double *from)
+{
+    kc_pair_t p;
+    memcpy(&p, from, sizeof p);
+    return p;
+}
 
 /* y[k] -= c row[k], from <= k < to. */
 static inline void kc_rows_take(double *y, const double *row, double c, uint32_t from, uint32_t to)
@@ -17,23 +29,31 @@ static inline void kc_rows_take4(double *y, const double *rows, uint32_t ld, con
 {
     const double c0 = c[0], c1 = c[1], c2 = c[2], c3 = c[3];
     const double *r0 = rows, *r1 = &rows[ld], *r2 = &rows[2u * ld], *r3 = &rows[3u * ld];
-    for (uint32_t k = from; k < to; k++) {
-        y[k] = (y[k] - (c0 * r0[k] + c1 * r1[k])) - (c2 * r2[k] + c3 * r3[k]);
+    uint32_t k = from;
+    for (; k + 2u <= to; k += 2u) {
+        const kc_pair_t v = (kc_pair(&y[k]) - (c0 * kc_pair(&r0[k]) + c1 * kc_pair(&r1[k]))) -
+                            (c2 * kc_pair(&r2[k]) + c3 * kc_pair(&r3[k]));
+        memcpy(&y[k], &v, sizeof v);
     }
+    if (k < to) { y[k] = (y[k] - (c0 * r0[k] + c1 * r1[k])) - (c2 * r2[k] + c3 * r3[k]); }
 }
 
-/* w <- U'^-1 w for its first m places, U with ones on its diagonal; those before `from`, a multiple of 4, are done. */
-static inline void kc_rows_forward(const double *U, uint32_t ld, double *w, uint32_t from, uint32_t m)
+/* w <- U'^-1 w of four numbers, U with ones on its diagonal. */
+static inline void kc_rows_forward4(const double *U, uint32_t ld, double *w)
+{
+    const double *r1 = &U[ld], *r2 = &r1[ld];
+    w[1] -= w[0] * U[1];
+    w[2] -= w[0] * U[2] + w[1] * r1[2];
+    w[3] -= (w[0] * U[3] + w[1] * r1[3]) + w[2] * r2[3];
+}
+
+/* The same of its first m places. */
+static inline void kc_rows_forward(const double *U, uint32_t ld, double *w, uint32_t m)
 {
     uint32_t j = 0u;
     for (; j + 4u <= m; j += 4u) {
-        const double *r0 = &U[j * ld], *r1 = &r0[ld], *r2 = &r1[ld];
-        if (j >= from) {
-            w[j + 1u] -= w[j] * r0[j + 1u];
-            w[j + 2u] -= w[j] * r0[j + 2u] + w[j + 1u] * r1[j + 2u];
-            w[j + 3u] -= (w[j] * r0[j + 3u] + w[j + 1u] * r1[j + 3u]) + w[j + 2u] * r2[j + 3u];
-        }
-        kc_rows_take4(w, r0, ld, &w[j], j + 4u > from ? j + 4u : from, m);
+        kc_rows_forward4(&U[j * ld + j], ld, &w[j]);
+        kc_rows_take4(w, &U[j * ld], ld, &w[j], j + 4u, m);
     }
     for (; j < m; j++) { kc_rows_take(w, &U[j * ld], w[j], j + 1u, m); }
 }
