@@ -11,7 +11,7 @@ from kincal.workbench.comparison.fitting import FitResult, fit
 from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.diagnosis import Diagnosis, diagnose
 from kincal.workbench.diagnosis.competing import advise, separating_poses
-from kincal.workbench.evidence.constants import choose_constants
+from kincal.workbench.evidence.constants import Choice
 from kincal.workbench.model.effects import Hypothesis, Library
 from kincal.workbench.model.modelfile import ModelFile
 from kincal.workbench.numerics.background import Begin, when_asked
@@ -42,17 +42,23 @@ class Case:
     @cached_property
     def hypotheses(self) -> list[Hypothesis]:
         """The effects of the model, their open constants chosen from the data."""
-        return choose_constants(self.library, self.effects, self.arm, self.data, dh=self.dh)
+        return self._choice.hypotheses
+
+    @cached_property
+    def _choice(self) -> Choice:
+        return Choice(self.library, self.effects, self.arm, self.data, self.dh)
 
     def compare(self, begin: Begin = when_asked) -> Comparison:
         """Does the model explain the data, and where does it fail?"""
-        return compare(self.arm, self.data, self.hypotheses, dh=self.dh, begin=begin)
+        return compare(
+            self.arm, self.data, self.hypotheses, dh=self.dh, begin=begin, anew=self._choice.anew
+        )  # fmt: skip
 
     def diagnose(self, progress: Progress = no_progress, begin: Begin = when_asked) -> Diagnosis:
         """Which effect does the model lack?"""
         return diagnose(
             self.arm, self.data, self.library, self.hypotheses,
-            given=self.effects, dh=self.dh, progress=progress, begin=begin,
+            given=self.effects, dh=self.dh, progress=progress, begin=begin, anew=self._choice.anew,
         )  # fmt: skip
 
     def advise(self, diagnosis: Diagnosis) -> tuple[NextPose, ...]:

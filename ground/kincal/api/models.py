@@ -12,7 +12,7 @@ from kincal.flight.tables import Image
 from kincal.workbench.consistency import refuse_model_of_other_arm
 from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.diagnosis.unnamed_effects import Found, find_unnamed
-from kincal.workbench.evidence.constants import choose_constants
+from kincal.workbench.evidence.constants import Choice, choose_constants
 from kincal.workbench.model.effects import Hypothesis, Library
 from kincal.workbench.model.modelfile import ModelFile, held, read_model, replace_model, write_model
 from kincal.workbench.model.unnamed_names import UnnamedName
@@ -199,7 +199,7 @@ class ForFlight:
     """The term table of a model.
 
     compared: with which arm table of flight the arm was compared, in words; effects: of the model; left_out:
-    those of them that the table lacks; data: measurements that were read, None if none were named.
+    those of them that the table lacks; choice: of the effects by measurements, None if none were named.
     """
 
     image: Image
@@ -208,13 +208,14 @@ class ForFlight:
     dh: bool
     effects: tuple[Hypothesis, ...]
     left_out: tuple[Hypothesis, ...]
-    data: Measurements | None
+    choice: Choice | None
 
     def cost(self) -> EffectGain | None:
         """What the effects left out bring on held-out poses; None without effects or data."""
-        if not self.left_out or self.data is None:
+        if not self.left_out or self.choice is None:
             return None
-        return cost_without(self.arm, self.data, self.effects, self.left_out, dh=self.dh)
+        data, anew = self.choice.data, self.choice.anew
+        return cost_without(self.arm, data, self.effects, self.left_out, dh=self.dh, anew=anew)
 
 
 def for_flight(
@@ -235,8 +236,12 @@ def for_flight(
     refuse_model_of_other_arm(chosen, arm, str(model_path))
     compared = refuse_other_arm(arm, tables_dir)
     data = read(arm) if read else None
-    known = {} if data is not None else chosen.constants
-    effects = choose_constants(library, chosen.texts, arm, data, dh=chosen.dh, known=known)
+    choice = None if data is None else Choice(library, chosen.texts, arm, data, chosen.dh)
+    effects = (
+        choose_constants(library, chosen.texts, arm, None, dh=chosen.dh, known=chosen.constants)
+        if choice is None
+        else choice.hypotheses
+    )
     left_out = dropped(effects, drop)
     image = term_image(arm, [h for h in effects if h not in left_out], Flown.read(tables_dir), chosen)
-    return ForFlight(image, compared, arm, chosen.dh, tuple(effects), tuple(left_out), data)
+    return ForFlight(image, compared, arm, chosen.dh, tuple(effects), tuple(left_out), choice)

@@ -32,6 +32,7 @@ from ..evidence.adequacy import (
     where_it_fails,
     worst_poses,
 )
+from ..evidence.constants import Anew
 from ..evidence.neighbours import Alike
 from ..fit.identifiability import Axis, Identifiability, identifiability, residual_axes
 from ..fit.least_squares import Fit, find_frames, fit_model, rms, whitener
@@ -218,18 +219,21 @@ def compare(
     *,
     dh: bool = True,
     begin: Begin = when_asked,
+    anew: Anew | None = None,
 ) -> Comparison:
     """Robust fit on the fit poses, its error on the held-out ones, lack of fit, and where it fails.
 
-    hypotheses: effects in the model; dh: DH errors too; begin: how the work for `reachable` begins. BadInput
-    if the units look wrong; CannotAnswer if the poses are too few or too similar.
+    hypotheses: effects in the model; dh: DH errors too; begin: how the work for `reachable` begins; anew:
+    these effects for the fit poses alone (absent: as they are). BadInput if the units look wrong;
+    CannotAnswer if the poses are too few or too similar.
     """
     check_units(arm, data)
     split = choose_split(data)
     part = data.take(split.fit)
     _check_number(part)
     frames = find_frames(arm, part)
-    fit_part = fit_model(arm, part, hypotheses, dh=dh, frames=frames)
+    of_part = hypotheses if anew is None else anew(part)
+    fit_part = fit_model(arm, part, of_part, dh=dh, frames=frames)
     _check_design(fit_part, dh)
     black_box = begin(partial(reachable, fit_part, data, split.fit, split.held))
     # the whole model is tested on every pose unless the file keeps some back

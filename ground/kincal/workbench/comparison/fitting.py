@@ -16,7 +16,7 @@ from kincal_shared.schema.arm import ArmTable
 from kincal_shared.schema.names import split_constants
 
 from ..data.measurements import Measurements
-from ..evidence.constants import choose_constants
+from ..evidence.constants import Choice
 from ..fit.least_squares import Fit
 from ..model.effects import Hypothesis, Library
 from ..model.grids import data_constants
@@ -51,6 +51,21 @@ class FitResult:
     fit: Fit
     constants: dict[str, dict[str, float]]
 
+    @property
+    def searched(self) -> dict[str, tuple[dict[str, float], dict[str, float]]]:
+        """Effect -> constants that were searched: those of the model, chosen by all poses that may be fitted,
+        and those with which held-out poses are predicted, chosen by the others alone."""
+        stated = dict(map(split_constants, self.texts))
+        found: dict[str, tuple[dict[str, float], dict[str, float]]] = {}
+        for name in self.effects:
+            mine, held = (
+                {k: v for h in fit.hypotheses if covers(name, h.name) for k, v in h.constants}
+                for fit in (self.fit, self.comparison.fit_part)
+            )
+            if set(mine) - set(stated[name]):
+                found[name] = mine, held
+        return found
+
 
 def fit(
     arm: ArmTable,
@@ -70,11 +85,12 @@ def fit(
     library = library or Library.load()
     names = [split_constants(text)[0] for text in effects]
     check_needs(library, names, arm, data)
-    hypotheses = choose_constants(library, effects, arm, data, dh=dh)
-    comparison = compare(arm, data, hypotheses, dh=dh, begin=begin)
+    choice = Choice(library, tuple(effects), arm, data, dh)
+    hypotheses = choice.hypotheses
+    comparison = compare(arm, data, hypotheses, dh=dh, begin=begin, anew=choice.anew)
     nested = fit_nested(
         arm, data, hypotheses, comparison.noise_floor, names,
-        dh=dh, outliers=comparison.outliers.ids, progress=progress,
+        dh=dh, outliers=comparison.outliers.ids, anew=choice.anew, progress=progress,
     )  # fmt: skip
     whole = comparison.fit_all
     return FitResult(

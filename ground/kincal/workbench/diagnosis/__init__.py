@@ -17,6 +17,7 @@ from kincal_shared.schema.arm import ArmTable
 from ..comparison.compare import compare
 from ..data.measurements import Measurements
 from ..data.split import choose_split
+from ..evidence.constants import Anew
 from ..fit.thinning import MANY, part_of
 from ..model.effects import Hypothesis, Library
 from ..numerics.background import Begin, when_asked
@@ -52,12 +53,13 @@ def diagnose(
     dh: bool = True,
     progress: Progress = no_progress,
     begin: Begin = when_asked,
+    anew: Anew | None = None,
 ) -> Diagnosis:
     """Find the effects that the data ask for, one after another, and say how sure that is.
 
     library: the effects that compete; hypotheses: effects that are in the model already; given: as they were
-    asked for (absent: with the constants that they have); dh: DH errors are; begin: as of `compare`. BadInput
-    if the units of the data look wrong, CannotAnswer if its poses are too few or too similar.
+    asked for (absent: with the constants that they have); dh: DH errors are; begin, anew: as of `compare`.
+    BadInput if the units of the data look wrong, CannotAnswer if its poses are too few or too similar.
     """
 
     def taking(model: Model) -> None:
@@ -68,7 +70,7 @@ def diagnose(
         return study.judging(comparison)
 
     progress("fit", 0, _STEPS)
-    comparison, part = compare(arm, data, hypotheses, dh=dh, begin=begin), searched(data)
+    comparison, part = compare(arm, data, hypotheses, dh=dh, begin=begin, anew=anew), searched(data)
     of_part = comparison if part is data else compare(arm, part, hypotheses, dh=dh)
     study = Study.of(of_part, library, hypotheses, dh)
     found = select(study, taking)

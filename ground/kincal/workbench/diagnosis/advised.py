@@ -10,7 +10,7 @@ from kincal_shared.schema.arm import ArmTable
 from kincal_shared.schema.names import effect_of, is_unnamed, split_constants, with_constants
 
 from ..data.measurements import Measurements
-from ..evidence.constants import choose_constants
+from ..evidence.constants import Choice
 from ..model.effects import Hypothesis, Library
 from ..model.hypotheses import joints_of
 from ..prediction.nested import NestedModel, errors_by_step
@@ -61,8 +61,11 @@ def advised(
     change = Advised(*joined(library, given, texts_of(found)), ())
     effects = change.model_after(given)
     names = [split_constants(text)[0] for text in effects]
-    hypotheses = choose_constants(library, effects, arm, data, dh=dh)
-    return replace(change, errors=errors_by_step(arm, data, hypotheses, names, dh=dh, outliers=outliers))
+    choice = Choice(library, effects, arm, data, dh)
+    errors = errors_by_step(
+        arm, data, choice.hypotheses, names, dh=dh, outliers=outliers, anew=choice.anew
+    )  # fmt: skip
+    return replace(change, errors=errors)
 
 
 def joined(

@@ -215,9 +215,10 @@ class Study:
         return self._remembered(("held", model), lambda: self._fit_to(part.data, part, model))
 
     def _fit_to(self, data: Measurements, near: Fit, model: Model) -> Fit:
-        """A fit that begins where another one is."""
+        """A fit that begins where another one is, with the constants that the given effects have there."""
         frames, start = (near.base, near.tool), dict(zip(near.names, near.estimate, strict=True))
-        return fit_model(near.arm, data, [*self.given, *model], dh=self.dh, frames=frames, start=start)
+        given = near.hypotheses[: len(self.given)]
+        return fit_model(near.arm, data, [*given, *model], dh=self.dh, frames=frames, start=start)
 
     def held_error(self, model: Model) -> PosRot:
         """RMS error of the held-out poses [m], [rad], NaN if there are none; the model is fitted to

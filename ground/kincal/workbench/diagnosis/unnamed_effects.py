@@ -11,7 +11,7 @@ from kincal_shared.schema.names import UNNAMED, is_unnamed
 from ..comparison.compare import Comparison, compare
 from ..comparison.fitting import check_needs
 from ..data.measurements import Measurements
-from ..evidence.constants import choose_constants
+from ..evidence.constants import Choice
 from ..evidence.smooth import SmoothEffect
 from ..model.effects import Hypothesis, Library
 from ..model.unnamed_names import UnnamedName
@@ -60,16 +60,17 @@ def find_unnamed(
             found = replace(found, names=(*found.names, name))
             continue
         check_needs(known, effects, arm, data)
-        hypotheses = choose_constants(known, effects, arm, data, dh=dh)
-        comparison = compare(arm, data, hypotheses, dh=dh)
+        choice = Choice(known, effects, arm, data, dh)
+        comparison = compare(arm, data, choice.hypotheses, dh=dh, anew=choice.anew)
+        hypotheses = comparison.fit_part.hypotheses
         if name == UNNAMED:
             every = add_unnamed(comparison, hypotheses, dh=dh, progress=progress)
-            every, against = _harmless(comparison, hypotheses, every, dh=dh, progress=progress)
+            every, against = _harmless(comparison, choice, every, progress=progress)
             found = replace(found, all_of_them=every, against=(*found.against, *against))
             new = every.steps
         else:
             new = (add_one(comparison, UnnamedName.parse(name), hypotheses, dh=dh),)
-            speaks = _against(comparison, hypotheses, [new[0].effect], dh=dh, progress=progress)
+            speaks = _against(choice, [new[0].effect], progress=progress)
             found = replace(found, against=(*found.against, *speaks))
         called = tuple(str(addition.effect.name) for addition in new)
         found = replace(found, names=(*found.names, *called), additions=(*found.additions, *new))
@@ -79,32 +80,34 @@ def find_unnamed(
 
 def _harmless(
     comparison: Comparison,
-    hypotheses: Sequence[Hypothesis],
+    choice: Choice,
     every: Additions,
     *,
-    dh: bool,
     progress: Progress,
 ) -> tuple[Additions, list[EffectGain]]:
     """The unnamed effects without those that `fit` would advise against, and why those were left out. The
     worst goes first: without it others may do no harm."""
     effects, out = [step.effect for step in every.steps], list[EffectGain]()
-    while against := _against(comparison, hypotheses, effects, dh=dh, progress=progress):
+    while against := _against(choice, effects, progress=progress):
         worst = max(against, key=lambda g: g.interval[0]).effect
         out += [g for g in against if g.effect == worst]
         effects = [effect for effect in effects if str(effect.name) != worst]
-    return (only(comparison, hypotheses, effects, dh=dh) if out else every), out
+    hypotheses = comparison.fit_part.hypotheses
+    return (only(comparison, hypotheses, effects, dh=choice.dh) if out else every), out
 
 
 def _against(
-    comparison: Comparison,
-    hypotheses: Sequence[Hypothesis],
-    effects: Sequence[SmoothEffect],
-    *,
-    dh: bool,
-    progress: Progress,
+    choice: Choice, effects: Sequence[SmoothEffect], *, progress: Progress
 ) -> tuple[EffectGain, ...]:
     """What speaks against unnamed effects beside those of a model."""
-    names = [str(effect.name) for effect in effects]
-    whole = (*hypotheses, *(effect.hypothesis for effect in effects))
-    arm, data = comparison.fit_all.arm, comparison.data
-    return harmful(arm, data, whole, names, dh=dh, progress=progress) if names else ()
+    if not effects:
+        return ()
+    added = [effect.hypothesis for effect in effects]
+
+    def anew(part: Measurements) -> list[Hypothesis]:
+        return [*choice.anew(part), *added]
+
+    return harmful(
+        choice.arm, choice.data, [*choice.hypotheses, *added], [str(effect.name) for effect in effects],
+        dh=choice.dh, anew=anew, progress=progress,
+    )  # fmt: skip

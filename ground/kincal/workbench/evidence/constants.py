@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -16,13 +17,45 @@ from ..data.split import may_be_fitted
 from ..fit.least_squares import Frames, find_frames, fit_model
 from ..model.effects import Hypothesis, Library
 from ..model.grids import finer
-from ..model.hypotheses import assumed_by, by_constants, merged_if_several
+from ..model.hypotheses import assumed_by, by_constants, covers, merged_if_several
 from .scoring import Scorer, bulk_weights
 
 Known = Mapping[str, Mapping[str, float]]
 """Constants of effects that are not searched: effect -> constant -> value."""
 
 _UNKNOWN: Known = {}
+
+Anew = Callable[[Measurements], Sequence[Hypothesis]]
+"""The effects of a model, their open constants chosen by these poses alone."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The effects of a model as `choose_constants` takes them, for data that choose their open constants: all
+    poses for the model to use, those that are fitted for errors of poses that are held out."""
+
+    library: Library
+    effects: tuple[str, ...]
+    arm: ArmTable
+    data: Measurements
+    dh: bool = True
+
+    @cached_property
+    def hypotheses(self) -> list[Hypothesis]:
+        """Chosen by all poses that may be fitted."""
+        return choose_constants(self.library, self.effects, self.arm, self.data, dh=self.dh)
+
+    def anew(self, part: Measurements) -> list[Hypothesis]:
+        """Chosen by a part of the poses. What follows from the readings alone, as the mean temperature does,
+        stays as it is: it tells nothing of errors."""
+        every = may_be_fitted(self.data)
+        stated = dict(map(split_constants, self.effects))
+        searched = any(self.library.is_open(name, self.arm, every, known) for name, known in stated.items())
+        if part.n == every.n or not searched:
+            return self.hypotheses
+        of_part = choose_constants(self.library, self.effects, self.arm, part, dh=self.dh)
+        chosen = {name: dict(h.constants) for name in stated for h in of_part if covers(name, h.name)}
+        return choose_constants(self.library, self.effects, self.arm, self.data, dh=self.dh, known=chosen)
 
 
 def choose_constants(
@@ -47,7 +80,7 @@ def choose_constants(
     names = [split_constants(text)[0] for text in effects]
     for name, constants in stated.items():
         library.check_constants(name, constants)
-    known = {**known, **{name: constants for name, constants in stated.items() if constants}}
+    known = {**known, **{name: {**known.get(name, {}), **own} for name, own in stated.items() if own}}
     open_names = [name for name in names if library.is_open(name, arm, data, known.get(name, {}))]
     found = {
         name: library.find(name, arm, data, dict(known.get(name, {})))

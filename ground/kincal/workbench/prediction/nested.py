@@ -13,6 +13,7 @@ from kincal_shared.schema.arm import ArmTable
 from ..data.measurements import Measurements
 from ..data.split import Split, choose_split
 from ..evidence.adequacy import NoiseFloor
+from ..evidence.constants import Anew
 from ..fit.least_squares import Frames, find_frames, fit_model, rms
 from ..model.effects import Hypothesis
 from ..model.hypotheses import covers
@@ -132,25 +133,28 @@ def fit_nested(
     *,
     dh: bool = True,
     outliers: Collection[str] = (),
+    anew: Anew | None = None,
     progress: Progress = no_progress,
 ) -> NestedModels:
     """Fit nominal, DH, DH + first effect, ... on every block and measure what was held back. The gain of
     an effect compares the whole model with the one that lacks it: the order of adding does not matter.
 
     names: what the hypotheses were asked for as; those of one name (all joints of an effect, or some) count
-    as one effect; outliers: ids of poses without which errors are given too."""
-    groups = _by_effect(hypotheses, names)
+    as one effect; outliers: ids of poses without which errors are given too; anew: the effects for the fit
+    poses of a block alone (absent: as they are)."""
     todo = blocks(data, choose_split(data))
     models: list[NestedModel] = []
     gains: list[EffectGain] = []
     for number, block in enumerate(todo):
         held_out = _HeldOut.of(arm, data, block, dh, outliers)
+        used = held_out.effects(hypotheses, anew)
+        groups = _by_effect(used, names)
         steps, fitted = [*_steps(groups, dh)], []
         for step in steps:
             progress(f"{block.name}: {step.label}", number, len(todo))
             fitted.append(held_out.residuals(step.hypotheses, step.dh))
         models += held_out.models([step.label for step in steps], fitted)
-        gains += [held_out.gain(name, group, hypotheses, fitted[-1]) for name, group in groups.items()]
+        gains += [held_out.gain(name, group, used, fitted[-1]) for name, group in groups.items()]
     return NestedModels(tuple(models), floor, tuple(gains))
 
 
@@ -161,17 +165,19 @@ def harmful(
     names: Sequence[str],
     *,
     dh: bool = True,
+    anew: Anew | None = None,
     progress: Progress = no_progress,
 ) -> tuple[EffectGain, ...]:
     """What speaks against the named effects of a model: the blocks where they do harm, as `fit_nested` finds
-    them."""
-    groups, found = _by_effect(hypotheses, names), []
+    them. anew: as of it."""
+    found: list[EffectGain] = []
     todo = blocks(data, choose_split(data))
     for number, block in enumerate(todo):
         progress(f"{block.name}: does it harm?", number, len(todo))
         held_out = _HeldOut.of(arm, data, block, dh)
-        whole = held_out.residuals(hypotheses, dh)
-        found += [held_out.gain(name, groups[name], hypotheses, whole) for name in names]
+        used = held_out.effects(hypotheses, anew)
+        groups, whole = _by_effect(used, names), held_out.residuals(used, dh)
+        found += [held_out.gain(name, groups[name], used, whole) for name in names]
     return tuple(g for g in found if g.advised_against)
 
 
@@ -183,13 +189,15 @@ def errors_by_step(
     *,
     dh: bool = True,
     outliers: Collection[str] = (),
+    anew: Anew | None = None,
 ) -> tuple[NestedModel, ...]:
     """Errors of the nominal arm, after DH calibration and with each effect: those of `fit_nested` on the
-    held-out poses, to the last digit; on the fitted ones where none are held out. outliers: as of it."""
-    split, groups = choose_split(data), _by_effect(hypotheses, names)
-    every = np.arange(data.n)
+    held-out poses, to the last digit; on the fitted ones where none are held out. outliers, anew: as of
+    it."""
+    split, every = choose_split(data), np.arange(data.n)
     block = Block(HELD_OUT, split.fit, split.held) if len(split.held) else Block(FITTED, every, every)
-    held_out, steps = _HeldOut.of(arm, data, block, dh, outliers), [*_steps(groups, dh)]
+    held_out = _HeldOut.of(arm, data, block, dh, outliers)
+    steps = [*_steps(_by_effect(held_out.effects(hypotheses, anew), names), dh)]
     fitted = [held_out.residuals(step.hypotheses, step.dh) for step in steps]
     return tuple(held_out.models([step.label for step in steps], fitted))
 
@@ -201,17 +209,19 @@ def cost_without(
     left_out: Sequence[Hypothesis],
     *,
     dh: bool = True,
+    anew: Anew | None = None,
 ) -> EffectGain:
     """What the effects that are left out bring together on the held-out poses. CannotAnswer if none are held
-    out."""
+    out. anew: as of `fit_nested`."""
     block = next((b for b in blocks(data, choose_split(data)) if b.name == HELD_OUT), None)
     if block is None:
         raise CannotAnswer(
             "no poses are held out", todo="measure more, or leave some out by the column split"
         )
-    held_out = _HeldOut.of(arm, data, block, dh)
-    after = held_out.residuals(hypotheses, dh)
-    return held_out.gain(", ".join(h.name for h in left_out), left_out, hypotheses, after)
+    held_out, names = _HeldOut.of(arm, data, block, dh), [h.name for h in left_out]
+    used = held_out.effects(hypotheses, anew)
+    without = [h for h in used if h.name in names]
+    return held_out.gain(", ".join(names), without, used, held_out.residuals(used, dh))
 
 
 def _by_effect(hypotheses: Sequence[Hypothesis], names: Sequence[str]) -> dict[str, list[Hypothesis]]:
@@ -262,6 +272,10 @@ class _HeldOut:
         """Frames found from the fit poses of a block."""
         part, held = data.take(block.fit), data.take(block.held)
         return cls(arm, block, part, held, held.are_not(outliers), find_frames(arm, part), dh)
+
+    def effects(self, hypotheses: Sequence[Hypothesis], anew: Anew | None) -> Sequence[Hypothesis]:
+        """Those of a model, with constants that no held-out pose chose."""
+        return hypotheses if anew is None else anew(self.part)
 
     def residuals(self, hypotheses: Sequence[Hypothesis], dh: bool) -> Array:
         """(M, c) residuals of the held-out poses."""

@@ -243,6 +243,7 @@ def fit_json(f: FitResult) -> Json:
     return {
         **comparison_json(f.comparison),
         "effects": list(f.effects),
+        "constants": {name: {"model": mine, "held_out": held} for name, (mine, held) in f.searched.items()},
         "rank": f.rank,
         "noise_scale": f.noise_scale,
         "negative": explain.all_negative(f.fit),
@@ -391,6 +392,7 @@ def fit_text(f: FitResult) -> str:
         [
             f"{f.arm}: {f.comparison.poses} poses, {len(f.names)} coefficients, rank {f.rank}",
             f"effects: {', '.join(f.texts) or 'none (DH only)'}",
+            *explain.searched(f),
             *([f"lengths: {explain.length_scale(scale)}"] if (scale := f.comparison.length_scale) else []),
             *explain.all_negative(f.fit),
             "",

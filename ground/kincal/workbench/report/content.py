@@ -10,7 +10,7 @@ from kincal_shared.schema.names import split_constants
 
 from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis
-from ..evidence.constants import choose_constants
+from ..evidence.constants import Choice
 from ..model.effects import Effect, Hypothesis, Library
 from ..model.hypotheses import by_constants, merged_if_several
 from ..numerics.types import Progress, no_progress
@@ -50,9 +50,12 @@ def report_content(
     effects = diagnosis.advised.model_after(given)
     data, floor = diagnosis.comparison.data, diagnosis.comparison.noise_floor
     outliers = diagnosis.outliers.ids
-    hypotheses = choose_constants(library, effects, arm, data, dh=dh)
+    choice = Choice(library, effects, arm, data, dh)
     names = [split_constants(text)[0] for text in effects]
-    nested = fit_nested(arm, data, hypotheses, floor, names, dh=dh, outliers=outliers, progress=progress)
+    nested = fit_nested(
+        arm, data, choice.hypotheses, floor, names,
+        dh=dh, outliers=outliers, anew=choice.anew, progress=progress,
+    )  # fmt: skip
     shown = _shown(library, arm, whole.data)
     return ReportContent(
         diagnosis, library, nested, confounding(whole, shown), harm(whole, shown), tuple(poses)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..comparison.compare import Comparison
+from ..comparison.fitting import FitResult
 from ..data.direction import in_random_order
 from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, ParameterValue, UnnamedFinding
@@ -313,6 +314,20 @@ def of_order(fit: Fit) -> list[str]:
         f"{listed(names)} {depend} on the pose before: only poses in the order of measurement can be "
         f"predicted with {them}; an arm that waits until it is at rest does not have {them}"
     ]
+
+
+def searched(f: FitResult) -> list[str]:
+    """Constants that the poses chose, and those with which held-out ones are predicted where they differ."""
+    return [
+        f"{name}: {_constants(mine)}"
+        + ("" if held == mine else f"; held-out poses are predicted with {_constants(held)}, which they did "
+           "not choose")
+        for name, (mine, held) in f.searched.items()
+    ]  # fmt: skip
+
+
+def _constants(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.9g}" for name, value in values.items())
 
 
 _MOST_POSES = 1000  # more is no advice
