@@ -801,24 +801,13 @@ def test_a_fit_to_positions_says_nothing_of_orientations(tmp_path):
     assert found[1]["components"] == 3 and found[1]["errors"][1]["rot_mrad"] is None
 
 
-@pytest.mark.parametrize(
-    ("effects", "fitted", "status", "says"),
-    [
-        (["backlash[4]"], False, 2, "run `kincal model fit` first"),
-        (["time_drift[2]"], True, 3, "time_drift[2]: valid for the fitted session only"),
-    ],
-)
-def test_a_model_that_says_nothing_of_other_poses_is_refused(folder, tmp_path, effects, fitted, status, says):
+def test_a_model_that_was_never_fitted_is_refused(folder, tmp_path):
     on = ("--arm", str(folder / "arm.toml"), "--data", str(folder / "poses.csv"), "--model", "M.toml")
-    well(tmp_path, "model", "add", "--model", "M.toml", *effects)
-    if fitted:
-        well(tmp_path, "model", "fit", *on)
+    well(tmp_path, "model", "add", "--model", "M.toml", "backlash[4]")
     done = kincal(tmp_path, "model", "predict", *on)
-    assert done.exit_code == status and says in done.stderr
+    assert done.exit_code == EXIT_INPUT and "run `kincal model fit` first" in done.stderr
     made = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "python", "-o", "o.py")
-    assert (made.exit_code == 0) is fitted
-    assert ("valid for the fitted session only" in made.stderr) is fitted
-    assert ("give a t_s of that session, its end for the arm as it was left" in made.stderr) is fitted
+    assert made.exit_code == EXIT_INPUT
 
 
 def test_fit_of_a_model_with_effects_to_other_measurements_says_so(folder, tmp_path):
@@ -845,6 +834,35 @@ def test_a_file_without_the_effects_of_its_session_is_not_to_be_fitted_without_t
     well(tmp_path, "model", "fit", *on)
     said = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "dh", "-o", "o.toml").stderr
     assert said.rstrip().endswith("fit a model without backlash[4]")
+
+
+def test_another_session_is_predicted_with_what_the_fitted_one_left(folder, tmp_path):
+    """A joint drifts by 4 mrad and stays there. `predict` refused, and said to fit without the drift, which
+    leaves it in the DH errors: 1.5 mm."""
+
+    number = itertools.count()
+    poses.poses_csv(
+        tmp_path / "all.csv", 120, 3,
+        lambda q, _: q + np.array([0, 4e-3 * min(next(number) / 89.0, 1.0), 0, 0, 0, 0, 0]),
+        noise_size=0.1,
+    )  # fmt: skip
+    head, *rows = (tmp_path / "all.csv").read_text().splitlines(keepends=True)
+    rows.sort(key=lambda row: float(row.split(",")[1]))  # t_s
+    (tmp_path / "first.csv").write_text(head + "".join(rows[:90]))
+    (tmp_path / "later.csv").write_text(head + "".join(rows[90:]))
+    on = ("--arm", str(folder / "arm.toml"), "--model", "M.toml", "--data")
+    well(tmp_path, "model", "add", "--model", "M.toml", "time_drift[2]")
+    said = well(tmp_path, "model", "fit", *on, "first.csv").output
+    assert "time_drift[2] follows the time of this session" in said
+    found = json.loads(kincal(tmp_path, "model", "predict", *on, "later.csv", "--json").output)
+    assert found["as_in_the_end"] == ["time_drift[2]"]
+    assert found["errors"][1]["pos_mm"] < 0.5
+    assert (
+        "as in the end of the fitted session" in well(tmp_path, "model", "predict", *on, "later.csv").output
+    )
+    made = well(tmp_path, "model", "export", "--model", "M.toml", "--format", "python", "-o", "o.py")
+    assert "give a t_s of that session; its end, `end_s` in the model file," in made.stderr
+    assert wb.read_model(tmp_path / "M.toml").fit.end_s == 60.0 * 89
 
 
 def test_json_holds_every_number_with_its_unit(folder):

@@ -11,7 +11,7 @@ from kincal.export import CalibratedArm
 from kincal.export.calibrated import BASE, TOOL
 from kincal.workbench.comparison.fitrecord import file_digest
 from kincal.workbench.comparison.fitting import check_needs
-from kincal.workbench.data.measurements import Measurements
+from kincal.workbench.data.measurements import Measurements, at_time
 from kincal.workbench.fit.least_squares import rms
 from kincal.workbench.model.effects import Library, Parameter
 from kincal.workbench.model.flight_model import flight_model
@@ -37,7 +37,8 @@ class Predicted:
     that the fit found; oriented: the poses have orientations that are not compared; model: with all fitted
     values; held: the error on held-out poses when it was fitted, None if there were none; residuals: (N, c)
     of the model, measured minus predicted; worst: poses, the worst first; fitted: files of these measurements
-    that the model was fitted to."""
+    that the model was fitted to; as_in_the_end: effects of time, taken as they were in the end of the fitted
+    session."""
 
     arm: str
     source: str
@@ -51,6 +52,7 @@ class Predicted:
     residuals: Array
     worst: tuple[PoseError, ...]
     fitted: tuple[str, ...]
+    as_in_the_end: tuple[str, ...] = ()
 
     @property
     def largest(self) -> PosRot:
@@ -63,28 +65,21 @@ def predict(
     calibrated: CalibratedArm, data: Measurements, library: Library, files: tuple[Path, ...] = ()
 ) -> Predicted:
     """The errors of a fitted arm at measurements; library: of its effects; files: that the measurements were
-    read from. CannotAnswer if the data lack what an effect needs, or if the model has effects of the session
-    that it was fitted to: they say nothing of another one."""
+    read from. What moved with the time of the fitted session stays where it was in the end of it.
+    CannotAnswer if the data lack what an effect needs."""
+    record = calibrated.record
+    known = {entry.sha256 for entry in record.data}
+    fitted = tuple(str(file) for file in files if file_digest(file) in known)
+    if calibrated.of_session and not fitted:
+        data = at_time(data, _end_s(calibrated))
     check_needs(library, calibrated.effects, calibrated.arm, data)
-    if drifting := calibrated.of_session:
-        raise CannotAnswer(
-            f"{', '.join(drifting)}: valid for the fitted session only; the model does not say what becomes "
-            "of that in another one",
-            calibrated.file,
-            "`kincal model export --format python`: forward(q, t_s=...) at the end of that session is the "
-            "arm as it was left; a fit without the effect would put its error into the DH values",
-        )
     named = [(c.name, Parameter(c.name, c.unit, c.prior_sigma, c.terms)) for c in calibrated.coefficients]
     model = flight_model(calibrated.arm, data, calibrated.base, calibrated.tool, named)
     values = np.array([c.value for c in calibrated.coefficients])
     frames = np.array([c.group in (BASE, TOOL) for c in calibrated.coefficients], dtype=bool)
-    record = calibrated.record
-    compared = slice(
-        min(record.components, data.components)
-    )  # a fit to positions leaves the tool's turn open
+    compared = slice(min(record.components, data.components))  # positions leave the tool's turn open
     residuals = model.residuals(values)[:, compared]
     held = None if record.held_mm is None else (record.held_mm * 1e-3, _scaled(record.held_mrad))
-    known = {entry.sha256 for entry in record.data}
     return Predicted(
         arm=calibrated.arm.name,
         source=data.source,
@@ -97,8 +92,21 @@ def predict(
         held=held,
         residuals=residuals,
         worst=_worst(data, residuals),
-        fitted=tuple(str(file) for file in files if file_digest(file) in known),
+        fitted=fitted,
+        as_in_the_end=() if fitted else calibrated.of_session,
     )
+
+
+def _end_s(calibrated: CalibratedArm) -> float:
+    """The end of the fitted session."""
+    if calibrated.record.end_s is None:
+        raise CannotAnswer(
+            f"{', '.join(calibrated.of_session)}: the fit does not say when its session ended, it is of an "
+            "earlier version",
+            calibrated.file,
+            "`kincal model fit` again",
+        )
+    return calibrated.record.end_s
 
 
 def _scaled(mrad: float | None) -> float | None:

@@ -106,6 +106,8 @@ class FitEntry(Strict):
     less than all of it [mm]."""
     exported_table_mm: NotNegative | None = None
     """RMS position error on the same poses of the table that is exported, fitted to all poses [mm]."""
+    end_s: Real | None = None
+    """Time of the last fitted pose [s]: where effects of time stand in other sessions."""
     noise_scale: NotNegative
     """Fitted over stated noise."""
     base: FrameEntry

@@ -186,7 +186,7 @@ def of_session(names: Sequence[str], form: str) -> str:
         "the file holds the arm as it is where that is zero: before a step, at the start of a drift, after "
         "settling"
         if form in ("dh", "urdf")
-        else "give a t_s of that session, its end for the arm as it was left"
+        else "give a t_s of that session; its end, `end_s` in the model file, for the arm as it was left"
     )
     return (
         f"note: valid for the fitted session only, since time starts again in others: {', '.join(names)}; "
@@ -243,6 +243,9 @@ def predicted(p: Predicted) -> str:
     ]
     if p.oriented:
         lines.append("note: orientations are not compared: the model was fitted to positions alone")
+    if p.as_in_the_end:
+        names = ", ".join(p.as_in_the_end)
+        lines.append(f"note: {names}: as in the end of the fitted session; what has moved since is not known")
     lines += [f"note: the model was fitted to {file}: this is not a prediction" for file in p.fitted]
     return "\n".join(
         [*lines, "worst poses        " + "; ".join(f"{w.id} {_error((w.pos_m, w.rot_rad))}" for w in p.worst)]
@@ -265,6 +268,7 @@ def predicted_json(p: Predicted) -> dict[str, Any]:
         "held": None if p.held is None else _milli(p.held),
         "worst_poses": [{"id": w.id, **_milli((w.pos_m, w.rot_rad))} for w in p.worst],
         "fit_data": list(p.fitted),
+        "as_in_the_end": list(p.as_in_the_end),
     }
 
 

@@ -58,6 +58,7 @@ def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEnt
         held_mrad=None if held[1] is None else held[1] * 1e3,
         held_table_mm=None if table is None else table.held[0] * 1e3,
         exported_table_mm=None if table is None else table.exported[0] * 1e3,
+        end_s=None if fit.data.t_s is None else float(fit.data.t_s.max()),
         noise_scale=fit.scale,
         base=_frame(fit.base),
         tool=_frame(fit.tool),

@@ -157,6 +157,11 @@ def of_one_session(data: Measurements, known: Measurements) -> bool:
     return rows <= all_rows
 
 
+def at_time(data: Measurements, t_s: float) -> Measurements:
+    """The data as if all poses had been measured at one time."""
+    return replace(data, t_s=np.full(data.n, t_s))
+
+
 def replicate_groups(q: Array, payload_kg: Array | None = None, tol: float = SAME_POSE) -> Groups:
     """(N,) group number per pose: poses whose readings (N, n) all agree within `tol` [rad or m], with the
     same payload (N,), are replicates; a group has the number of its first pose."""

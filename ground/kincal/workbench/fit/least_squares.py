@@ -20,7 +20,7 @@ from kincal.rotations import Pose, matrix_of_wxyz
 from kincal_shared.errors import CannotAnswer
 from kincal_shared.schema.arm import ArmTable
 
-from ..data.measurements import Measurements, of_one_session
+from ..data.measurements import Measurements, at_time, of_one_session
 from ..model.effects import Hypothesis, Parameter
 from ..model.flight_model import flight_model, nominal_chain, observations
 from ..model.parameters import dh_parameters, effect_parameters, frame_parameters
@@ -128,21 +128,12 @@ class Fit:
         """Effects that hold for the session of these data only."""
         return tuple(h.name for h in self.hypotheses if h.of_session)
 
-    @cached_property
-    def beyond_session(self) -> Fit:
-        """The model fitted to the same poses without the effects of their session: what carries over."""
-        if not self.of_session:
-            return self
-        kept = [h for h in self.hypotheses if not h.of_session]
-        start = dict(zip(self.names, self.estimate, strict=True))
-        dh = any(name.startswith("J1.") for name in self.names)
-        return fit_model(self.arm, self.data, kept, dh=dh, frames=(self.base, self.tool), start=start)
-
     def predict(self, data: Measurements) -> Array:
-        """Residuals (M, c) of other measurements [m, rad] under this fit; those of another session under
-        `beyond_session`."""
-        fit = self if of_one_session(data, self.data) else self.beyond_session
-        return fit.model.at(observations(fit.arm, data)).residuals(fit.estimate)
+        """Residuals (M, c) of other measurements [m, rad] under this fit; those of another session with
+        effects of time as they were in the end of this one."""
+        if self.of_session and self.data.t_s is not None and not of_one_session(data, self.data):
+            data = at_time(data, float(self.data.t_s.max()))
+        return self.model.at(observations(self.arm, data)).residuals(self.estimate)
 
     def at(self, data: Measurements) -> Fit:
         """The same model linearised at other poses, all with full weight: what it would do there.

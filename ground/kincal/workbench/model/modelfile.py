@@ -341,9 +341,8 @@ def _fit(fit: FitEntry | None) -> list[str]:
     """The table [fit]: plain keys first, as TOML wants it."""
     if fit is None:
         return []
-    optional = {
-        key: getattr(fit, key) for key in ("held_mm", "held_mrad", "held_table_mm", "exported_table_mm")
-    }
+    optional = ("held_mm", "held_mrad", "held_table_mm", "exported_table_mm", "end_s")
+    given = {key: value for key in optional if (value := getattr(fit, key)) is not None}
     return [
         "",
         "[fit]",
@@ -351,7 +350,7 @@ def _fit(fit: FitEntry | None) -> list[str]:
         f"poses = {fit.poses}",
         f"components = {fit.components}",
         f"held = {_texts(fit.held)}",
-        *(f"{key} = {value!r}" for key, value in optional.items() if value is not None),
+        *(f"{key} = {value!r}" for key, value in given.items()),
         f"noise_scale = {fit.noise_scale!r}",
         "covariance = [",
         *(f"  [{', '.join(map(repr, row))}]," for row in fit.covariance),

@@ -296,12 +296,13 @@ def _harm(g: EffectGain) -> str:
 
 
 def of_session(fit: Fit) -> list[str]:
-    """Effects that other data are predicted without; empty where there are none."""
+    """Effects that other data are predicted with as they were in the end; empty where there are none."""
     names = fit.of_session
     if not names:
         return []
-    be, them = ("are", "them") if len(names) > 1 else ("is", "it")
-    return [f"{listed(names)} {be} valid for this session only: other data are predicted without {them}"]
+    follow, they = ("follow", "they were") if len(names) > 1 else ("follows", "it was")
+    to_end = f"for other data it counts what {they} in the end"
+    return [f"{listed(names)} {follow} the time of this session: {to_end}"]
 
 
 def of_order(fit: Fit) -> list[str]:
