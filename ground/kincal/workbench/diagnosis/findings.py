@@ -51,6 +51,8 @@ from .suggestions import Suggestion, suggest
 from .support import UNTESTED
 
 CLAIM = 0.9
+LIKELY = 0.5
+"""Probability from which on an effect may be named as found."""
 MENTION = 0.05
 _SURE_ENOUGH = 0.2  # nothing was accepted and "nothing is missing" is not far behind
 _MAX_ALTERNATIVES = 8
@@ -255,7 +257,8 @@ def conclude(study: Study, found: Selection, serial: Serial | None = None) -> Di
     """Everything the answer says, from a selection. serial: noise that is correlated in time, for which the
     study is by stretches."""
     final = study.fit(found.model)
-    left, outliers = _left_by(final, study.comparison), _outliers(final, study.comparison)
+    outliers = _outliers(final, study.comparison)
+    left = _left_by(final, study.comparison, outliers)
     novel = unnamed_finding(study, found) if found.last.unnamed_wins else None
     if novel is not None and serial is not None and not novel.held.gains:
         novel = None  # what follows time in one stretch is not there in the next
@@ -273,7 +276,7 @@ def conclude(study: Study, found: Selection, serial: Serial | None = None) -> Di
         and novel is None
         and serial is None
         and turned_frame(final) is None
-        and outliers.may_be_chance,
+        and outliers.few,
         outliers=outliers,
         remainder=remainder(study, found.model, left),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
@@ -290,14 +293,15 @@ def promising(d: Diagnosis, advice: Advised) -> Diagnosis:
     return replace(d, advised=advice, remainder=left)
 
 
-def _left_by(final: Fit, c: Comparison) -> Left:
-    """What the final model leaves: known where nothing was added."""
+def _left_by(final: Fit, c: Comparison, outliers: Outliers) -> Left:
+    """What the final model leaves: known where nothing was added. outliers: of that model."""
     if final is c.fit_all:
-        return Left(final, c.p_lack_of_fit, c.where, c.alike, c.p_unseen)
+        return Left(final, c.p_lack_of_fit, c.where, c.alike, c.p_unseen, outliers.clusters)
     held = c.kept_back
-    p_unseen = None if held is None else unseen_p(final, held, find_outliers(final, held))
+    p_unseen = None if held is None else unseen_p(final, held, outliers)
     p_lack = lack_of_fit(final, noise_floor(final))
-    return Left(final, p_lack, where_it_fails(final), near_poses_alike(final), p_unseen)
+    alike = near_poses_alike(final)
+    return Left(final, p_lack, where_it_fails(final), alike, p_unseen, outliers.clusters)
 
 
 def _outliers(final: Fit, c: Comparison) -> Outliers:
@@ -322,7 +326,7 @@ def _verdict(
         refuted = c.outliers.clusters or c.turned or unpredicted or alike
         return "adequate" if none > _SURE_ENOUGH and not refuted else "undecidable"
     if len(accepted) > 1:
-        return "several_effects"
+        return "several_effects" if any(e.probability >= LIKELY for e in accepted) else "undecidable"
     return "effect" if accepted[0].probability > CLAIM else "undecidable"
 
 

@@ -21,18 +21,23 @@ more than noise (docs/DIAGNOSIS.md)."""
 @dataclass(frozen=True)
 class Left:
     """What a final model leaves: its fit, p-value of lack of fit (None where no noise is known), and what the
-    rest follows, of all variables; alike, p_unseen: as of `Comparison`."""
+    rest follows, of all variables; alike, p_unseen: as of `Comparison`; clusters: variables in which its
+    outliers cluster, which the tests leave out."""
 
     fit: Fit
     p_lack_of_fit: float | None
     where: tuple[Where, ...]
     alike: Alike | None = None
     p_unseen: float | None = None
+    clusters: tuple[str, ...] = ()
 
     @property
     def is_noise(self) -> bool:
-        """No more than a known noise, if there is one, follows no variable, not alike at near poses."""
-        return explained(self.p_lack_of_fit, structure(self.where), self.alike, self.p_unseen)
+        """No more than a known noise, if there is one, follows no variable, not alike at near poses, and no
+        outliers that are an effect."""
+        return not self.clusters and explained(
+            self.p_lack_of_fit, structure(self.where), self.alike, self.p_unseen
+        )
 
     @property
     def is_known_noise(self) -> bool:

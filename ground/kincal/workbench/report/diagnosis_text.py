@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from ..diagnosis import Diagnosis, EffectFinding, UnnamedFinding
+from ..diagnosis.findings import LIKELY
 from ..model.hypotheses import Untestable
 from ..model.unnamed_names import UnnamedName
 from ..prediction.nextposes import NextPose
@@ -68,7 +69,7 @@ def _found(d: Diagnosis) -> Iterator[str]:
 
 def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
     odds = explain.odds(e, d)
-    if e.taken_back or (e.accepted and e.probability < explain.LIKELY):
+    if e.taken_back or (e.accepted and e.probability < LIKELY):
         odds += explain.doubts(e)
     return [
         f"{_mark(e)} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),

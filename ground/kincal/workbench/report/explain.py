@@ -11,7 +11,7 @@ from ..comparison.fitting import FitResult
 from ..data.direction import in_random_order
 from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis, EffectFinding, HeldGain, ParameterValue, UnnamedFinding
-from ..diagnosis.findings import fitted_values
+from ..diagnosis.findings import LIKELY, fitted_values
 from ..diagnosis.suggestions import Suggestion
 from ..evidence.adequacy import REPLICATES, STATED, STRUCTURE_P, UNKNOWN, NoiseFloor, Outliers, TurnedFrame
 from ..evidence.neighbours import Alike
@@ -30,7 +30,6 @@ from ..prediction.reachable import Reachable
 _NOISIER, _CHANCE = 1.1, 1e-3  # times the stated noise that is said, and p-value of it
 _CLAIMED = 0.9  # probability from which on an effect, or one of several, is there
 _ONE_NAME = 0.8  # probability of a name from which on no other is said beside it
-LIKELY = 0.5  # probability from which on an effect may be named as found
 
 _DRIVERS = {
     "t": "time",
