@@ -23,7 +23,10 @@ from kincal.workbench.consistency import check
 from kincal.workbench.consistency.units import degree_rows, millimetre_rows
 from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.data.readers import read_measurements
+from kincal.workbench.data.sums import of_joints
+from kincal_shared.errors import BadInput
 from kincal_shared.schema.arm import dh_rows, other_convention, read_arm, same_joints, shipped_arms
+from kincal_shared.schema.datamap import DataMap
 
 SETS = {"wam": "wam/wam", "ur5": "ur5/ur5", "ur10": "ur10/ur10d", "fr3": "fr3/fr3"}
 
@@ -482,10 +485,50 @@ def test_a_map_file_says_which_readings_contain_another_joint(tmp_path):
     given = ("--arm", arm_path, "--data", tmp_path / "coupled.csv")
     assert "[readings]" in kincal("check", *given).stdout
     assert "belong together" in good("model", "check", *given, "--map", tmp_path / "map.toml").stdout
-    for text, why in (("q3 + q9", "there are 7"), ("q3 * q2", "readings")):
+    for text, why in (
+        ("q3 + q9", "there are 7"),
+        ("q3 * q2", "readings"),
+        ("q3 - q3", "write q3 and one other joint"),
+        ("q2 + q1", "write q3 and one other joint"),
+        ('q3 + q2"\nq2 = "q2 + q3', "always move together"),
+    ):
         (tmp_path / "map.toml").write_text(f'[readings]\nq3 = "{text}"\n')
         done = kincal("check", *given, "--map", tmp_path / "map.toml")
         assert done.exit_code == EXIT_INPUT and why in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sums", "fix"),
+    [
+        (coupled, [("q3", "q3 - q2")], 'q3 = "q3 + q2", in the place of [readings] q3 = "q3 - q2"'),
+        (coupled, [("q2", "q2 + q3")], 'q3 = "q3 + q2", in the place of [readings] q2 = "q2 + q3"'),
+        (lambda q: q, [("q2", "q2 + q1")], 'take [readings] q2 = "q2 + q1" out of the map file'),
+    ],
+)
+def test_a_wrong_sum_of_the_map_is_not_called_a_wrong_arm(tmp_path, spoil, sums, fix):
+    """A sum with the other sign ended in "wrong_arm"; one too many in the advice to write the opposite one,
+    which takes its place and is as wrong."""
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 40, 3), 7)
+    q = of_joints(spoil(data.q.copy()), sums)
+    (finding,) = check(arm, replace(data, q=q, sums=tuple(sums)), thorough=False).errors
+    assert finding.code == "coupled" and fix in finding.fix and finding.gain > 5.0
+
+
+def test_a_right_sum_of_the_map_stays_where_something_else_is_wrong(tmp_path):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 40, 3), 7)
+    q = data.q * [1, 1, 1, -1, 1, 1, 1]
+    (finding,) = check(arm, replace(data, q=q, sums=(("q3", "q3 + q2"),)), thorough=False).errors
+    assert finding.code == "sign" and "joint 4" in finding.why
+
+
+def test_a_sum_of_an_angle_and_a_length_is_refused(tmp_path):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    slides = (replace(arm.joints[0], prismatic=True), *arm.joints[1:])
+    path, mapping = poses.poses_csv(tmp_path / "poses.csv", 8, 3), DataMap(readings={"q2": "q2 + q1"})
+    with pytest.raises(BadInput, match="adds a length to an angle"):
+        read_measurements(path, replace(arm, joints=slides), mapping)
 
 
 def test_a_mistake_about_a_joint_that_moves_in_few_poses_is_found():

@@ -201,6 +201,14 @@ class DataMap(Strict):
 
     @pydantic.model_validator(mode="after")
     def _one_source_of_the_pose(self) -> DataMap:
+        for name, text in self.readings.items():
+            one, _, other = text.split()
+            if one == other or name not in (one, other):
+                raise Contradiction(
+                    f"readings.{name}",
+                    f'is "{text}"',
+                    f"write {name} and one other joint, the sum or the difference",
+                )
         if self.targets is not None and self.columns.p is not None:
             raise Contradiction("columns.p", "stands beside [targets]", "write one of the two")
         return self

@@ -13,14 +13,15 @@ from kincal_shared.errors import BadInput, CannotAnswer
 from kincal_shared.schema.arm import ArmTable
 
 from ..data.measurements import Measurements
+from ..data.sums import in_words, matrix, of_file
 from ..fit.least_squares import Fit, fit_model, rms
 from ..numerics.types import Array, Mask
 from .findings import Finding
 from .misfit import LEAST_POSES, misfit_of, rms_of_most
-from .reading import LENGTH_CODES, Reading
+from .reading import LENGTH_CODES, Reading, joint_matrix
 from .recorded import IN_METRES, IN_RADIANS, TRUE_NOISE_M, TRUE_NOISE_RAD, of_data, stated_m, stated_rad
 from .search import FOUND, GOOD_MISFIT, Search, changed, without
-from .sentences import READINGS, misread, signs
+from .sentences import READINGS, misread, signs, wrong_sums
 from .units import links_in_metres, mixed_units
 
 _MOST_MISFIT = 0.05  # of the motion, left by a fit of all DH errors: the poses are not of this arm
@@ -133,6 +134,9 @@ def _finite(value: float | None) -> float | None:
 
 def _of_fit(search: Search) -> Iterator[Finding]:
     """The misreading that explains the poses, or that the arm table is not of this arm."""
+    if sums := _of_sums(search):
+        yield from sums
+        return
     best = search.best()
     if changed(best) and search.misfit(best) * FOUND <= search.misfit(search.given):
         for kind in changed(best):
@@ -144,6 +148,29 @@ def _of_fit(search: Search) -> Iterator[Finding]:
         yield from (misread(hidden, kind, gain, search.arm, search.shipped) for kind in changed(hidden))
     else:
         yield from _wrong_arm(search)
+
+
+def _of_sums(search: Search) -> list[Finding]:
+    """What the readings are as the file has them, where the map's sums of readings are not that: a wrong sum
+    hides what is right, and a finding about its outcome is no line to write. None where the sums are right,
+    or do not explain it."""
+    sums, before = search.data.sums, search.misfit(search.given)
+    if not sums or max(before, search.misfit_of_all(search.given)) <= GOOD_MISFIT:
+        return []
+    raw = replace(search.data, q=of_file(search.data.q, sums), sums=())
+    of_raw = Search(search.arm, raw, search.thorough)
+    best = of_raw.best()
+    left, stated = of_raw.misfit(best), matrix(sums, search.arm.n)
+    if left * FOUND > before or (joint_matrix(best) == stated).all():
+        return []
+    gains = {kind: of_raw.misfit(without(best, kind)) / left for kind in changed(best)}
+    found = [misread(best, kind, gain, search.arm, search.shipped) for kind, gain in gains.items()]
+    if not best.coupled:
+        return [*found, wrong_sums(in_words(sums), before / left)]
+    return [
+        replace(f, fix=f"{f.fix}, in the place of {in_words(sums)}") if f.code == "coupled" else f
+        for f in found
+    ]
 
 
 def _or_signs(found: Finding, search: Search, mirrored: Reading) -> Finding:

@@ -168,6 +168,14 @@ def joint_values(readings: Sequence[Reading], data: Measurements, rows: Indices)
     return q
 
 
+def joint_matrix(reading: Reading) -> Array:
+    """(n, n) from readings to what the joints do, as its couplings have them."""
+    out = np.eye(len(reading.sign))
+    for to, factor in reading.coupled:
+        out[to, to - 1] = factor
+    return out
+
+
 def _free(frame: Frame) -> Frame:
     return replace(frame, estimate=True)
 

@@ -24,6 +24,17 @@ def misread(reading: Reading, kind: str, gain: float, arm: ArmTable, shipped: Se
     return Finding(code, f"{why}: the arm then explains the poses {size} better", fix, gain)
 
 
+def wrong_sums(stated: str, gain: float) -> Finding:
+    """The finding for sums of readings that no joint has."""
+    return Finding(
+        "coupled",
+        f"readings contain no other joint's, but the map says so: without that the arm explains the poses "
+        f"{f'{gain:.0f} times' if math.isfinite(gain) else 'far'} better",
+        f"take {stated} out of the map file (--map)",
+        gain,
+    )
+
+
 def signs(reading: Reading) -> str:
     """Which joints count the other way round, in words: joint 2; joints 1, 3."""
     return _numbers(np.flatnonzero(np.array(reading.sign) < 0))

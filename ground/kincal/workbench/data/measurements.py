@@ -43,6 +43,7 @@ class Measurements:
     unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
     orientation: how the file writes the orientations, as --rotation says it ("xyzw", "euler-ZYX"), empty if
     it is not known; euler_rad: (N, 3) its Euler angles in the order of the columns, None if it has none;
+    sums: `[readings]` of the map, by which q follows from the file's columns;
     whole: the set that these poses were taken from, None if they are all of it.
     """
 
@@ -80,6 +81,7 @@ class Measurements:
     notes: tuple[str, ...] = ()
     orientation: str = ""
     euler_rad: Array | None = None
+    sums: tuple[tuple[str, str], ...] = ()
     whole: Measurements | None = None
 
     def __post_init__(self) -> None:

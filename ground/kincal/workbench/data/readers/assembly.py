@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from kincal_shared.schema.datamap import RECORDED, DataMap
 
 from ...numerics.types import Array, Groups, Mask
 from ..measurements import Measurements, replicate_groups
+from ..sums import Sums, in_words, matrix, of_joints
 from .columns import Columns, quaternions, unit
 from .ranges import RANGES, unusable_variance
 from .table import Joints, Table
@@ -19,6 +20,7 @@ from .targets import TargetPoses, target_poses
 
 _SHOWN = 10  # malformed rows that an error lists
 _ONE_POSE = 0.05  # [rad or m] between readings of one commanded pose: no controller misses it by that
+_SINGULAR = 1e-6  # determinant, of whole numbers
 _NO_TARGETS = TargetPoses(np.zeros((0, 3)), None, None)
 
 
@@ -29,7 +31,11 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
     plan = columns.plan()
     columns.read(plan)
     values = columns.values
-    values["q"] = _uncoupled(values["q"], mapping.readings, table.source)
+    sums = tuple(mapping.readings.items())
+    _check_sums(sums, joints, table.source)
+    for name in ("q", "qdot"):
+        if name in values:
+            values[name] = of_joints(values[name], sums)
     targets = target_poses(columns, mapping.targets) if mapping.targets else _NO_TARGETS
     quat = quaternions(columns, mapping.rotation) if "rotation" in values else targets.quat_wxyz
     if "cam" in values:
@@ -71,25 +77,29 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         unknown_columns=tuple(shown(name) for name in table.columns if name not in columns.used),
         notes=(*table.notes, *targets.notes),
         whole=None,
+        sums=sums,
         orientation=_form(mapping) if "rotation" in values else "",
         euler_rad=_rows(values["rotation"], good) if _form(mapping).startswith("euler") else None,
         **{name: _scalar(columns, name, good) for name in RECORDED if name != "t_s"},
     )
 
 
-def _uncoupled(q: Array, sums: Mapping[str, str], source: str) -> Array:
-    """(N, n) joint readings, each that is stated together with another joint's as what it is without."""
-    out = q.copy()
-    for name, text in sums.items():
-        one, sign, other = text.split()
-        to, first, second = (int(q_j[1:]) - 1 for q_j in (name, one, other))
-        if max(to, first, second) >= q.shape[1]:
-            raise BadInput(
-                f'[readings] {name} = "{text}" names a joint that is not there: there are {q.shape[1]}',
-                source,
-            )
-        out[:, to] = q[:, first] + (q[:, second] if sign == "+" else -q[:, second])
-    return out
+def _check_sums(sums: Sums, joints: Joints, source: str) -> None:
+    """BadInput for sums that are no joint readings."""
+    for name, text in sums:
+        one, _, other = text.split()
+        used = {int(q_j[1:]) - 1 for q_j in (name, one, other)}
+        said = f'[readings] {name} = "{text}"'
+        if max(used) >= joints.n:
+            raise BadInput(f"{said} names a joint that is not there: there are {joints.n}", source)
+        if len({joints.prismatic[j] for j in used}) > 1:
+            raise BadInput(f"{said} adds a length to an angle: one of the joints slides", source)
+    if abs(np.linalg.det(matrix(sums, joints.n))) < _SINGULAR:
+        raise BadInput(
+            f"{in_words(sums)}: some joints then always move together",
+            source,
+            "write a sum for the joint whose reading contains another one, and none for that one",
+        )
 
 
 def _form(mapping: DataMap) -> str:

@@ -19,6 +19,7 @@ from ..measurements import Measurements, replicate_groups
 _MADE_ANEW = {
     "source", "ids", "t_s", "order_is_time", "replicate", "replicate_stated", "skipped", "duplicates",
     "rounded", "unknown_columns", "notes", "direction_source", "whole", "orientation", "euler_rad",
+    "sums",
 }  # fmt: skip
 
 
