@@ -60,8 +60,8 @@ def study_moved(tmp_path_factory, library):
     data = wb.read_csv(poses.poses_csv(folder / "poses.csv", 80, 33, noise_size=0.1), 7)
     data = replace(data, cam_p_m=None, cam_quat_wxyz=None, cov=None)
 
-    def study(moved):
-        seen = replace(data, p_m=data.p_m + moved(np.linspace(0.0, 1.0, data.n)))
+    def study(moved, **changes):
+        seen = replace(data, p_m=data.p_m + moved(np.linspace(0.0, 1.0, data.n)), **changes)
         return Study.of(compare(arm, seen), library, (), True)
 
     return study
@@ -117,6 +117,12 @@ def test_the_best_of_several_functions_pays_for_their_number(study_of):
 def test_a_base_that_wanders_has_no_other_name(study_moved, names):
     study = study_moved(walked)
     assert without_pieces(study, kept(study, *names), {}) == ()
+
+
+def test_a_base_that_wanders_has_no_other_name_where_only_the_order_of_poses_is_known(study_moved):
+    """Then the variable has another name."""
+    study = study_moved(walked, order_is_time=True, t_s=np.arange(80.0))
+    assert without_pieces(study, kept(study, "base_drift", "base_step"), {}) == ()
 
 
 @pytest.mark.parametrize(("moved", "name"), [(drifted, "base_drift"), (moved_once, "base_step")])

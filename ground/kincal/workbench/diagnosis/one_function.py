@@ -19,7 +19,7 @@ from kincal_shared.schema.terms import ONE
 from ..evidence.finer import walks
 from ..evidence.scoring import Scorer
 from ..evidence.smooth import smooth_effect
-from ..evidence.unnamed import Cell, locations
+from ..evidence.unnamed import Cell, locations, session_driver
 from ..model.effects import Hypothesis, Parameter
 from ..model.hypotheses import PRIOR_NONE, PRIOR_UNNAMED, Candidate
 from ..model.places import ErrorPlace, joint_places
@@ -27,7 +27,6 @@ from ..model.unnamed_names import UnnamedName
 from .states import Grids, Kept
 from .study import Model, Study
 
-_TIME = "t"
 _BASE = ("base translation", "base rotation")
 _FIRST = {"encoder_harmonic2": "encoder_eccentricity"}
 _COMMON = 0.2  # probability of an encoder's second harmonic beside its first one: they share causes
@@ -142,7 +141,8 @@ def _of_the_base(study: Study, model: Model, grids: Grids) -> list[OneFunction]:
         return []
     scorer = study.scorer(model, drop=tuple(parts))
     cells = scorer.map(double=False)
-    moving = [s for s in cells if s.best.location in _BASE and s.best.drivers == (_TIME,)]
+    time = (session_driver(study.base.data),)
+    moving = [s for s in cells if s.best.location in _BASE and s.best.drivers == time]
     if not moving:
         return []
     # as likely as a shift or a turn alone
@@ -165,9 +165,10 @@ def _moves_base(h: Hypothesis) -> bool:
 def _ln_walk(scorer: Scorer) -> float:
     """ln Bayes factor of a random walk of the base in all six components, of any of its sizes."""
     rows = [place.rows for place in locations(scorer.columns) if place.name in _BASE]
+    data = scorer.columns.fit.data
     blocks = [
-        Cell("base", (_TIME,), np.concatenate(rows, axis=1), features).columns
-        for features in walks(scorer.columns.fit.data)
+        Cell("base", (session_driver(data),), np.concatenate(rows, axis=1), features).columns
+        for features in walks(data)
     ]
     ln = [ln_bf for _, ln_bf in scorer.scores(blocks)]
     return float(np.logaddexp.reduce(ln) - math.log(len(ln)))
