@@ -37,6 +37,9 @@ def claim(folder: Path, files: str, names: Iterable[str], *, former: bool = Fals
     may be replaced. BadInput if one of them is there without it: somebody else made it. files: what they are,
     such as "a run"; former: they are known to be ours, from versions that left no mark."""
     mark = folder / MARK
+    if os.path.lexists(mark) and (mark.is_symlink() or not mark.is_file()):  # a pipe would wait for a reader
+        raise BadInput("is no mark but a link, a folder or a pipe, and others may need it", str(mark),
+                       "name another folder")  # fmt: skip
     try:
         known = mark.read_text("utf-8", errors="replace").splitlines() if mark.is_file() else []
     except OSError as error:

@@ -286,8 +286,21 @@ def test_a_mark_that_is_no_text_marks_nothing(tmp_path):
         claim(tmp_path, "a test", ["a.txt"])
 
 
-def test_a_mark_that_cannot_be_written_is_named(tmp_path):
-    (tmp_path / MARK).mkdir()
+@pytest.mark.parametrize(
+    "make",
+    [
+        Path.mkdir,
+        os.mkfifo,
+        lambda mark: mark.symlink_to("mine"),
+        lambda mark: mark.symlink_to("not there"),
+    ],
+    ids=["folder", "pipe", "link", "dangling link"],
+)
+def test_only_a_file_is_a_mark(tmp_path, make):
+    """The file that a link leads to was rewritten, or made; at a pipe the command waited for ever."""
+    (tmp_path / "mine").write_bytes(b"\xff\r\n")
+    make(tmp_path / MARK)
     with pytest.raises(BadInput) as error:
         claim(tmp_path, "a test", ["a.txt"])
     assert error.value.where == str(tmp_path / MARK)
+    assert (tmp_path / "mine").read_bytes() == b"\xff\r\n" and not (tmp_path / "not there").exists()
