@@ -487,7 +487,7 @@ def test_a_map_file_says_which_readings_contain_another_joint(tmp_path):
     assert "belong together" in good("model", "check", *given, "--map", tmp_path / "map.toml").stdout
     for text, why in (
         ("q3 + q9", "there are 7"),
-        ("q3 * q2", "readings"),
+        ("q3 * q2", 'which has another form; write it as in readings = { q3 = "q3 + q2" }'),
         ("q3 - q3", "write q3 and one other joint"),
         ("q2 + q1", "write q3 and one other joint"),
         ('q3 + q2"\nq2 = "q2 + q3', "always move together"),

@@ -290,7 +290,16 @@ def _problem(root: type[Strict], place: _Place, error: Any) -> Problem:
         return Problem(place.path, f"has {len(got)} entries, there is room for {context['max_length']}")
     if kind == "too_short":
         return Problem(place.path, f"has {len(got)} entries, at least {context['min_length']} are needed")
+    if kind == "string_pattern_mismatch":
+        return Problem(place.path, f"is {toml_text(got)}, which has another form", _like(root, place))
     return _said_by_a_validator(place, error)
+
+
+def _like(root: type[Strict], place: _Place) -> str:
+    """How the key is written that an entry belongs to."""
+    key = str(place.parts[0])
+    field = keys_of(root).get(key)
+    return f"write it as in {_example(key, field.examples[0])}" if field and field.examples else ""
 
 
 def _said_by_a_validator(place: _Place, error: Any) -> Problem:
