@@ -19,7 +19,9 @@ from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench.diagnosis import ParameterValue, competing, findings
-from kincal.workbench.diagnosis.findings import conclude
+from kincal.workbench.diagnosis.advised import NOTHING_ADVISED
+from kincal.workbench.diagnosis.findings import UnnamedFinding, conclude
+from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.diagnosis.identity import NAMED_RIGHT
 from kincal.workbench.diagnosis.states import Kept, Selection
 from kincal.workbench.diagnosis.study import Study
@@ -419,6 +421,24 @@ def test_noise_that_is_correlated_in_time_is_said_with_what_to_do(serial, random
     """Poses in random order need no advice to shuffle them."""
     text = explain.correlated(serial, random_order=random_order)
     assert said in text and ("random" in text) is not random_order
+
+
+def test_what_moves_with_time_is_not_called_noise_that_more_poses_reduce(found):
+    """ "The base orientation drifts with time. The noise is correlated in time: take more poses." """
+    one = UnnamedFinding(
+        "unnamed[base rotation: t]", "base rotation", ("t",), (), 1e-9, 0.95,
+        HeldGain(0.5e-3, 0.25e-3, (0.45, 0.55)), (),
+    )  # fmt: skip
+    d = replace(found.d, verdict="novel", effects=(), novel=one, serial=Serial(0.33, 1e-9))
+    said = explain.verdict(d)
+    assert "It moves with time: 33 % of the remaining error" in said and "noise" not in said
+    by_joint = replace(one, location="joint 2", depends_on=("q1",))
+    assert "The noise is correlated in time" in explain.verdict(replace(d, novel=by_joint))
+    d = replace(d, advised=NOTHING_ADVISED)
+    better = replace(d, novel=replace(one, held=HeldGain(0.5e-3, 5e-6, (0.009, 0.011))))
+    for given, says in ((better, True), (replace(d, novel=None), False)):
+        about = [number.about for number in headline.big_numbers(d.comparison, given)]
+        assert any(text.endswith("a smooth function of what was found does better") for text in about) is says
 
 
 @pytest.mark.parametrize(

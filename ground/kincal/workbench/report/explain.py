@@ -548,7 +548,9 @@ def verdict(d: Diagnosis) -> str:
     said += [f"{text}." for text in _waves(d)]
     said += [f"{text}." for e in d.effects if e.in_model and (text := negative(e.parameters, e.name))]
     if d.serial is not None:
-        said.append(correlated(d.serial, random_order=in_random_order(d.comparison.data)))
+        by_time = d.novel is not None and d.novel.found and "t" in d.novel.depends_on
+        random_order = in_random_order(d.comparison.data)
+        said.append(following_time(d.serial) if by_time else correlated(d.serial, random_order=random_order))
     return " ".join(said)
 
 
@@ -565,6 +567,14 @@ def _waves(d: Diagnosis) -> list[str]:
         return []
     joints = f"joint{'s' if len(several) > 1 else ''} {listed([str(j) for j in several])}"
     return [f"Several waves of {joints} may be one smooth function of the joint's angle"]
+
+
+def following_time(s: Serial) -> str:
+    """That the error is correlated in time where something that moves with time is found."""
+    return (
+        f"It moves with time: {percent(s.share)} of the remaining error is shared by consecutive poses. "
+        "Effects were therefore judged on whole stretches of the session that were held out."
+    )
 
 
 def correlated(s: Serial, *, random_order: bool) -> str:

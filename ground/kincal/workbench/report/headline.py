@@ -46,6 +46,11 @@ def big_numbers(c: Comparison, d: Diagnosis | None = None, *, each: bool = False
     black_box = reachable_number(c, None if d is None else d.outliers)
     if d is not None and _less(errors[-1], black_box):
         black_box = replace(black_box, about=f"{black_box.about}; the findings do better")
+    elif d is not None and d.novel is not None and d.novel.held.gains:
+        with_it = replace(errors[-1], pos_m=(errors[-1].pos_m or math.nan) * d.novel.held.ratio)
+        if _less(with_it, black_box):
+            about = f"{black_box.about}; a smooth function of what was found does better"
+            black_box = replace(black_box, about=about)
     return *errors, black_box, _floor(c)
 
 
