@@ -173,7 +173,7 @@ def test_model_is_built_step_by_step(given, model, folder):
     models = {r["model"] for r in fitted["nested_models"]["models"]}
     assert models == {"nominal", "DH", "+ backlash[4]"}
     assert {r["held_out"] for r in fitted["nested_models"]["models"]} == {
-        "held-out poses", "unseen region", "time block", "direction"}  # fmt: skip
+        "poses in turns", "held-out poses", "unseen region", "time block", "direction"}  # fmt: skip
     # values are in the file now, and the arm it is for
     assert "backlash[4].h = " in good("list", "--model", model).output
     assert tomllib.loads(model.read_text())["arm"] == str(folder / "arm.toml")
@@ -247,7 +247,9 @@ def test_effect_of_all_joints_is_not_added_beside_one_of_them(tmp_path):
 
 def test_fit_says_when_an_effect_does_not_help(given, model):
     good("add", "--model", model, "backlash[2]")
-    assert "backlash[2] does not help on held-out poses" in good("fit", *given, "--model", model).output
+    assert (
+        "backlash[2] does not help on poses held out in turns" in good("fit", *given, "--model", model).output
+    )
 
 
 def test_next_poses_name_the_alternatives(given):

@@ -186,8 +186,7 @@ def _findings(data: ReportContent) -> Iterator[str]:
 
 def _finding(e: EffectFinding, data: ReportContent) -> str:
     d = data.diagnosis
-    gain = "it improves held-out poses" if e.helps else "it improves cross-validation"
-    sure = explain.odds(e, d) or f"not certain, but {gain}"
+    sure = explain.odds(e, d) or f"not certain, but {explain.only_predicts(e)}"
     if not explain.is_shown(e):
         sure += "; undecided"
     wrong = explain.negative(e.parameters)

@@ -13,7 +13,7 @@ from ..data.measurements import Measurements
 from ..evidence.constants import Choice
 from ..model.effects import Hypothesis, Library
 from ..model.hypotheses import joints_of
-from ..prediction.nested import NestedModel, errors_by_step
+from ..prediction.nested import CROSSED, NestedModel, errors_by_step
 
 
 @dataclass(frozen=True)
@@ -22,12 +22,21 @@ class Advised:
 
     removed: effects that an added one holds at more joints; added: effects with the constants that were found
     (joint_ripple[2](k=4)), best first; errors: of the nominal arm, after DH calibration and with each
-    effect of the model that results, as `kincal model fit` measures them on the same poses.
+    effect of the model that results, as `kincal model fit` measures them on the same poses; crossed: the same
+    of poses held out in turns, where those held out at once are few; empty where they are not; crossed_given:
+    of the model that was given, None where `crossed` is empty.
     """
 
     removed: tuple[str, ...]
     added: tuple[str, ...]
     errors: tuple[NestedModel, ...]
+    crossed: tuple[NestedModel, ...] = ()
+    crossed_given: NestedModel | None = None
+
+    @property
+    def headline(self) -> tuple[NestedModel, ...]:
+        """The errors to go by."""
+        return self.crossed or self.errors
 
     def model_after(self, given: Sequence[str]) -> tuple[str, ...]:
         """The effects of a model once it is done."""
@@ -59,13 +68,25 @@ def advised(
     digits.
     """
     change = Advised(*joined(library, given, texts_of(found)), ())
-    effects = change.model_after(given)
-    names = [split_constants(text)[0] for text in effects]
-    choice = Choice(library, effects, arm, data, dh)
-    errors = errors_by_step(
-        arm, data, choice.hypotheses, names, dh=dh, outliers=outliers, anew=choice.anew
-    )  # fmt: skip
-    return replace(change, errors=errors)
+
+    def errors(texts: Sequence[str]) -> tuple[NestedModel, ...]:
+        choice = Choice(library, tuple(texts), arm, data, dh)
+        names = [split_constants(text)[0] for text in texts]
+        return errors_by_step(
+            arm, data, choice.hypotheses, names, dh=dh, outliers=outliers, anew=choice.anew
+        )  # fmt: skip
+
+    every = errors(change.model_after(given))
+    crossed = tuple(e for e in every if e.block == CROSSED)
+    first = crossed[: 2 if dh else 1]
+    if crossed and given:
+        first = tuple(e for e in errors(given) if e.block == CROSSED)
+    return replace(
+        change,
+        errors=tuple(e for e in every if e.block != CROSSED),
+        crossed=crossed,
+        crossed_given=first[-1] if first else None,
+    )
 
 
 def joined(

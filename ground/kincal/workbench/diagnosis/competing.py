@@ -50,12 +50,14 @@ def separating_poses(
 
 def _competing(diagnosis: Diagnosis, library: Library) -> list[str]:
     """Effects that the evidence is not sure of and those confounded with them, without the unnamed, those
-    that no data can tell apart, and those that are unlikely against something unnamed. What unseen poses do
-    not bear out competes with no other effect by that."""
+    that no data can tell apart, those of the session, which is over, and those that are unlikely against
+    something unnamed. What unseen poses do not bear out competes with no other effect by that."""
     likely = [e for e in diagnosis.effects if e.in_model or e.doubts.evidence > MENTION]
     uncertain = [e for e in likely if e.doubts.evidence < _CERTAIN or e.confounded_with]
     names = dict.fromkeys(name for e in uncertain for name in (e.name, *e.confounded_with))
-    return [name for name in names if not is_unnamed(name) and not _is_equivalent(library, name)]
+    named = [name for name in names if not is_unnamed(name) and not _is_equivalent(library, name)]
+    fit = diagnosis.comparison.fit_all
+    return [name for name in named if not any(h.of_session for h in library.find(name, fit.arm, fit.data))]
 
 
 def _is_equivalent(library: Library, name: str) -> bool:

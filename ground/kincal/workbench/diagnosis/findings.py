@@ -409,9 +409,10 @@ def remainder(study: Study, model: Model, left: Left) -> Remainder:
 
 def not_testable(study: Study, first: Posterior) -> tuple[Untestable, ...]:
     """Effects that lack a column or a key, whose columns do not vary, or that the fitted parameters
-    imitate exactly (those need nothing: no data of this kind can show them)."""
+    imitate exactly (those need nothing: no data of this kind can show them), at every joint."""
     needs = {c.name: c.effect.needs for c in study.competition.candidates}
-    absorbed = [s for s in first.scored if s.score.absorbed >= ABSORBED and not place_of(s.name)]
+    open_ = {effect_of(s.name) for s in first.scored if s.score.absorbed < ABSORBED}
+    absorbed = [s for s in first.scored if not place_of(s.name) and effect_of(s.name) not in open_]
     data = study.base.data
 
     def lacking(s: Scored[Hypothesis]) -> tuple[str, ...]:

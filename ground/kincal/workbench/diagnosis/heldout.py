@@ -10,9 +10,6 @@ from ..evidence.adequacy import gross
 from ..numerics.types import Array, Groups
 from ..prediction.gain import Gain, held_ratio, judged, nothing_gained, together
 
-FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
-_UNSEEN = 0.0005  # change of an error that three digits do not show
-
 
 @dataclass(frozen=True)
 class HeldGain:
@@ -42,14 +39,14 @@ class HeldGain:
 
     @property
     def gains(self) -> bool:
-        """Held-out poses are predicted better: the interval lies below 1, and three digits of the ratio show
-        it: a torque of micronewton metres gained nothing, with certainty."""
-        return self.interval[1] < 1.0 and self.after_m < (1.0 - _UNSEEN) * self.before_m
+        """Held-out poses are predicted better, as `judged`: a torque of micronewton metres gained nothing,
+        with certainty."""
+        return self.judged == "helps"
 
     @property
     def harms(self) -> bool:
-        """Held-out poses are predicted worse: the interval lies above 1."""
-        return self.interval[0] > 1.0
+        """Held-out poses are predicted worse, as `judged`."""
+        return self.judged == "harms"
 
     @property
     def ratio(self) -> float:
@@ -64,7 +61,7 @@ class HeldGain:
     @property
     def judged(self) -> Gain:
         """Whether held-out poses are predicted better, in words."""
-        return judged(self.interval, nothing=self.nothing)
+        return judged(self.after_m / self.before_m, self.interval, nothing=self.nothing)
 
     @property
     def worse(self) -> bool:

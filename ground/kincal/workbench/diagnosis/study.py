@@ -22,9 +22,9 @@ from ..model.grids import finer
 from ..model.hypotheses import Competition, merged_if_several
 from ..numerics.types import Array, Groups, Indices, array
 from ..prediction.crossval import folds, predicted, stretches
-from ..prediction.nested import Block, blocks
+from ..prediction.nested import FEW_HELD, LEAST_IN_TURNS, TURNS, Block, blocks
 from ..prediction.reachable import PosRot
-from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
+from .heldout import NO_HELD_OUT, HeldGain
 from .posterior import Posterior
 from .subsets import fewest_joints, joints_with
 from .support import Support, of_turns, worse_blocks
@@ -34,8 +34,6 @@ Model = tuple[Hypothesis, ...]
 
 T = TypeVar("T")
 
-TURNS = 5  # folds, where all poses take turns in being held out
-_LEAST_IN_TURNS = 8  # poses
 _FITTED_ANEW = 300  # poses up to which each turn is a fit of its own
 _OF_COMPETITION = ("beside", "for")  # what a study remembers of the effects that compete
 _ROWS_EACH = 4.0  # degrees of freedom that each coefficient of an effect needs
@@ -272,7 +270,7 @@ class Study:
     @property
     def can_take_turns(self) -> bool:
         """Enough poses are there to be held out in turns."""
-        return self._pool.n >= _LEAST_IN_TURNS
+        return self._pool.n >= LEAST_IN_TURNS
 
     def support(self, model: Model, h: Hypothesis) -> Support | None:
         """What poses that were not fitted say of an effect beside the others of a model; None where too few

@@ -13,20 +13,21 @@ Gain = Literal["helps", "harms", "does not help", "undecided"]
 
 _LEAST_GAIN = 0.97  # an effect that gains less than 3 % brings nothing
 _NOTHING = 0.002  # change of an error that says nothing
+_UNSEEN = 0.0005  # that three digits do not show
 _MUCH_WORSE = 1.1
 _BOOTSTRAP = 1000
 
 
-def judged(interval: tuple[float, float], *, nothing: bool = True) -> Gain:
-    """helps: the interval of the ratio lies below 1; harms: above 1; does not help: it excludes a gain of
-    3 % and more, and nothing is gained at all (as of `nothing_gained`); undecided: these poses leave both
-    open (also where no poses are held out: NaN)."""
+def judged(ratio: float, interval: tuple[float, float], *, nothing: bool = True) -> Gain:
+    """helps: the interval of the ratio lies below 1; harms: above 1 (both where three digits of the ratio
+    show it); does not help: it excludes a gain of 3 % and more, and nothing is gained at all (as of
+    `nothing_gained`); undecided: these poses leave both open (also where no poses are held out: NaN)."""
     low, high = interval
     if not (math.isfinite(low) and math.isfinite(high)):
         return "undecided"
-    if high < 1.0:
+    if high < 1.0 and ratio < 1.0 - _UNSEEN:
         return "helps"
-    if low > 1.0:
+    if low > 1.0 and ratio > 1.0 + _UNSEEN:
         return "harms"
     return "does not help" if low >= _LEAST_GAIN and nothing else "undecided"
 
@@ -58,6 +59,20 @@ def held_ratio(
     pick = _drawn(len(sums_after))
     boot = np.sqrt(sums_after[pick].sum(axis=1) / np.maximum(sums_before[pick].sum(axis=1), 1e-300))
     return float(np.sqrt(after.mean() / before.mean())), _interval_95(boot)
+
+
+def unpaired_ratio(
+    square: Array, other_m: float, count: int, groups: Groups | None = None
+) -> tuple[float, tuple[float, float]]:
+    """Ratio of the RMS of errors, given their squares (M,), to that of `count` other poses of which only the
+    RMS is known, with its 95 % bootstrap interval: as if the others were spread alike. groups: as of
+    `held_ratio`."""
+    mine = float(np.sqrt(square.mean()))
+    means = group_means(square, groups)
+    drawn = np.random.default_rng(3).integers(0, len(means), (_BOOTSTRAP, count))
+    own = means[_drawn(len(means))].mean(axis=1)
+    boot = mine / other_m * np.sqrt(own / np.maximum(means[drawn].mean(axis=1), 1e-300))
+    return mine / other_m, _interval_95(boot)
 
 
 def rms_interval(square: Array, groups: Groups | None = None) -> tuple[float, float]:

@@ -18,10 +18,15 @@ from ..fit.least_squares import Frames, find_frames, fit_model, rms
 from ..model.effects import Hypothesis
 from ..model.hypotheses import covers
 from ..numerics.types import Array, Indices, Mask, Progress, no_progress
+from .crossval import folds
 from .gain import Gain, held_ratio, judged, much_worse, nothing_gained, rms_interval
 
-HELD_OUT, FITTED = "held-out poses", "fitted poses"
-"""The block of the split in use; all poses, where none are held out."""
+HELD_OUT, FITTED, CROSSED = "held-out poses", "fitted poses", "poses in turns"
+"""The block of the split in use; all poses, where none are held out; all that may be fitted, held out in
+turns (cross-validation)."""
+FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
+TURNS = 5
+LEAST_IN_TURNS = 8  # poses
 NOMINAL, DH = "nominal", "DH"
 """The models before the first effect."""
 _FIFTH = 0.8  # quantile beyond which a fifth of the poses lies
@@ -81,12 +86,12 @@ class EffectGain:
     def judged(self) -> Gain:
         """Whether it helps, by the interval."""
         rotation = None if self.rotation is None else self.rotation[0]
-        return judged(self.interval, nothing=nothing_gained(self.ratio, rotation))
+        return judged(self.ratio, self.interval, nothing=nothing_gained(self.ratio, rotation))
 
     @property
     def advised_against(self) -> bool:
         """Held-out poses are predicted worse with it, or positions or rotations of a block much worse."""
-        if self.block == HELD_OUT and self.judged == "harms":
+        if self.block in (HELD_OUT, CROSSED) and self.judged == "harms":
             return True
         return much_worse(self.interval) or (self.rotation is not None and much_worse(self.rotation[1]))
 
@@ -141,20 +146,21 @@ def fit_nested(
 
     names: what the hypotheses were asked for as; those of one name (all joints of an effect, or some) count
     as one effect; outliers: ids of poses without which errors are given too; anew: the effects for the fit
-    poses of a block alone (absent: as they are)."""
-    todo = blocks(data, choose_split(data))
+    poses of a block alone (absent: as they are). Where few poses are held out, all take turns too, and these
+    judge the effects."""
+    groups, todo = _by_effect(hypotheses, names), _all_blocks(data)
+    model = _Model(arm, hypotheses, dh, anew)
     models: list[NestedModel] = []
     gains: list[EffectGain] = []
     for number, block in enumerate(todo):
-        held_out = _HeldOut.of(arm, data, block, dh, outliers)
-        used = held_out.effects(hypotheses, anew)
-        groups = _by_effect(used, names)
+        held_out = _HeldOut.of(model, data, block, outliers)
         steps, fitted = [*_steps(groups, dh)], []
         for step in steps:
             progress(f"{block.name}: {step.label}", number, len(todo))
-            fitted.append(held_out.residuals(step.hypotheses, step.dh))
+            fitted.append(held_out.residuals(step.effects, step.dh))
         models += held_out.models([step.label for step in steps], fitted)
-        gains += [held_out.gain(name, group, used, fitted[-1]) for name, group in groups.items()]
+        if block.counts:
+            gains += [held_out.gain(name, group, fitted[-1]) for name, group in groups.items()]
     return NestedModels(tuple(models), floor, tuple(gains))
 
 
@@ -170,14 +176,13 @@ def harmful(
 ) -> tuple[EffectGain, ...]:
     """What speaks against the named effects of a model: the blocks where they do harm, as `fit_nested` finds
     them. anew: as of it."""
-    found: list[EffectGain] = []
-    todo = blocks(data, choose_split(data))
+    groups, found = _by_effect(hypotheses, names), list[EffectGain]()
+    model, todo = _Model(arm, hypotheses, dh, anew), [b for b in _all_blocks(data) if b.counts]
     for number, block in enumerate(todo):
         progress(f"{block.name}: does it harm?", number, len(todo))
-        held_out = _HeldOut.of(arm, data, block, dh)
-        used = held_out.effects(hypotheses, anew)
-        groups, whole = _by_effect(used, names), held_out.residuals(used, dh)
-        found += [held_out.gain(name, groups[name], used, whole) for name in names]
+        held_out = _HeldOut.of(model, data, block)
+        whole = held_out.residuals(model.names, dh)
+        found += [held_out.gain(name, groups[name], whole) for name in names]
     return tuple(g for g in found if g.advised_against)
 
 
@@ -192,14 +197,19 @@ def errors_by_step(
     anew: Anew | None = None,
 ) -> tuple[NestedModel, ...]:
     """Errors of the nominal arm, after DH calibration and with each effect: those of `fit_nested` on the
-    held-out poses, to the last digit; on the fitted ones where none are held out. outliers, anew: as of
+    held-out poses, to the last digit, before them those of poses in turns where it has these; on the fitted
+    ones where none are held out. outliers, anew: as of
     it."""
     split, every = choose_split(data), np.arange(data.n)
     block = Block(HELD_OUT, split.fit, split.held) if len(split.held) else Block(FITTED, every, every)
-    held_out = _HeldOut.of(arm, data, block, dh, outliers)
-    steps = [*_steps(_by_effect(held_out.effects(hypotheses, anew), names), dh)]
-    fitted = [held_out.residuals(step.hypotheses, step.dh) for step in steps]
-    return tuple(held_out.models([step.label for step in steps], fitted))
+    todo = [b for b in (_in_turns(data), _Blocks((block,))) if b is not None]
+    model, steps = _Model(arm, hypotheses, dh, anew), [*_steps(_by_effect(hypotheses, names), dh)]
+    models: list[NestedModel] = []
+    for one in todo:
+        held_out = _HeldOut.of(model, data, one, outliers)
+        fitted = [held_out.residuals(step.effects, step.dh) for step in steps]
+        models += held_out.models([step.label for step in steps], fitted)
+    return tuple(models)
 
 
 def cost_without(
@@ -218,71 +228,107 @@ def cost_without(
         raise CannotAnswer(
             "no poses are held out", todo="measure more, or leave some out by the column split"
         )
-    held_out, names = _HeldOut.of(arm, data, block, dh), [h.name for h in left_out]
-    used = held_out.effects(hypotheses, anew)
-    without = [h for h in used if h.name in names]
-    return held_out.gain(", ".join(names), without, used, held_out.residuals(used, dh))
+    model, names = _Model(arm, hypotheses, dh, anew), tuple(h.name for h in left_out)
+    held_out = _HeldOut.of(model, data, _Blocks((block,)))
+    return held_out.gain(", ".join(names), names, held_out.residuals(model.names, dh))
 
 
-def _by_effect(hypotheses: Sequence[Hypothesis], names: Sequence[str]) -> dict[str, list[Hypothesis]]:
-    """Effects by the name they are shown with."""
-    groups: dict[str, list[Hypothesis]] = {}
+def _by_effect(hypotheses: Sequence[Hypothesis], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Names of hypotheses by the name that they are shown with."""
+    groups: dict[str, tuple[str, ...]] = {}
     for h in hypotheses:
-        groups.setdefault(next((name for name in names if covers(name, h.name)), h.name), []).append(h)
+        label = next((name for name in names if covers(name, h.name)), h.name)
+        groups[label] = (*groups.get(label, ()), h.name)
     return groups
+
+
+@dataclass(frozen=True)
+class _Model:
+    """What is fitted on each block; anew: as of `fit_nested`."""
+
+    arm: ArmTable
+    hypotheses: Sequence[Hypothesis]
+    dh: bool
+    anew: Anew | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all its effects."""
+        return tuple(h.name for h in self.hypotheses)
 
 
 @dataclass(frozen=True)
 class _Step:
     label: str
     dh: bool
-    hypotheses: tuple[Hypothesis, ...]
+    effects: tuple[str, ...]
 
 
-def _steps(groups: dict[str, list[Hypothesis]], dh: bool) -> Iterator[_Step]:
+def _steps(groups: dict[str, tuple[str, ...]], dh: bool) -> Iterator[_Step]:
     yield _Step(NOMINAL, False, ())
     if dh:
         yield _Step(DH, True, ())
-    used: tuple[Hypothesis, ...] = ()
+    used: tuple[str, ...] = ()
     for name, group in groups.items():
         used = (*used, *group)
         yield _Step(f"+ {name}", dh, used)
 
 
 @dataclass(frozen=True)
-class _HeldOut:
-    """One block with its frames found: fits models to its fit poses, measures them on the held ones.
+class _Turn:
+    """Poses to fit with the frames found from them and the effects of the model, and those held out."""
 
-    usual: (M,) held-out poses that are no outliers; all, where there is no other; fitted: residuals of the
-    models so far, since the model before an effect may be the whole one without it."""
-
-    arm: ArmTable
-    block: Block
     part: Measurements
     held: Measurements
-    usual: Mask
     frames: Frames
-    dh: bool
-    fitted: dict[tuple[bool, Sequence[Hypothesis]], Array] = field(default_factory=dict)
+    hypotheses: Sequence[Hypothesis]
+
+    @classmethod
+    def of(cls, model: _Model, data: Measurements, block: Block) -> _Turn:
+        """Of one block."""
+        part = data.take(block.fit)
+        used = model.hypotheses if model.anew is None else model.anew(part)
+        return cls(part, data.take(block.held), find_frames(model.arm, part), used)
+
+    def residuals(self, arm: ArmTable, effects: Collection[str], dh: bool) -> Array:
+        """(M, c) of the held-out poses; effects: by name."""
+        used = [h for h in self.hypotheses if h.name in effects]
+        return fit_model(arm, self.part, used, dh=dh, frames=self.frames).predict(self.held)
+
+
+@dataclass(frozen=True)
+class _HeldOut:
+    """Poses held out, at once or in turns: fits models to the others, measures them on these.
+
+    order: (M,) puts the poses of all turns into that of the file; held: (M,) all of them; usual: (M,) those
+    that are no outliers; all, where there is no other; fitted: residuals of the models so far, since the
+    model before an effect may be the whole one without it."""
+
+    model_: _Model
+    name: str
+    turns: tuple[_Turn, ...]
+    order: Indices
+    held: Measurements
+    usual: Mask
+    fitted: dict[tuple[bool, frozenset[str]], Array] = field(default_factory=dict)
 
     @classmethod
     def of(
-        cls, arm: ArmTable, data: Measurements, block: Block, dh: bool, outliers: Collection[str] = ()
+        cls, model: _Model, data: Measurements, blocks: _Blocks, outliers: Collection[str] = ()
     ) -> _HeldOut:
-        """Frames found from the fit poses of a block."""
-        part, held = data.take(block.fit), data.take(block.held)
-        return cls(arm, block, part, held, held.are_not(outliers), find_frames(arm, part), dh)
+        """Frames found from the fit poses of each turn."""
+        turns = tuple(_Turn.of(model, data, block) for block in blocks.turns)
+        places = np.concatenate([block.held for block in blocks.turns])
+        order = np.argsort(places, kind="stable")
+        held = data.take(places[order])
+        return cls(model, blocks.name, turns, order, held, held.are_not(outliers))
 
-    def effects(self, hypotheses: Sequence[Hypothesis], anew: Anew | None) -> Sequence[Hypothesis]:
-        """Those of a model, with constants that no held-out pose chose."""
-        return hypotheses if anew is None else anew(self.part)
-
-    def residuals(self, hypotheses: Sequence[Hypothesis], dh: bool) -> Array:
-        """(M, c) residuals of the held-out poses."""
-        key = dh, tuple(hypotheses)
+    def residuals(self, effects: Collection[str], dh: bool) -> Array:
+        """(M, c) residuals of the held-out poses by a model with these of the effects."""
+        key = dh, frozenset(effects)
         if key not in self.fitted:
-            fit = fit_model(self.arm, self.part, hypotheses, dh=dh, frames=self.frames)
-            self.fitted[key] = fit.predict(self.held)
+            left = [turn.residuals(self.model_.arm, effects, dh) for turn in self.turns]
+            self.fitted[key] = np.vstack(left)[self.order]
         return self.fitted[key]
 
     def models(self, labels: Sequence[str], fitted: Sequence[Array]) -> list[NestedModel]:
@@ -300,7 +346,7 @@ class _HeldOut:
         worst, systematic = float(np.sqrt(square.max())), self._systematic(square)
         spread = rms_interval(square, self.held.repeats)
         return NestedModel(
-            label, self.block.name, position, rotation, systematic, worst, ratio, interval, spread,
+            label, self.name, position, rotation, systematic, worst, ratio, interval, spread,
             rms(r[self.usual]),
         )  # fmt: skip
 
@@ -310,17 +356,16 @@ class _HeldOut:
         noise = np.einsum("nii->n", self.held.cov[:, :3, :3]).mean()
         return float(np.sqrt(max(0.0, square.mean() - noise)))
 
-    def gain(
-        self, name: str, group: Sequence[Hypothesis], hypotheses: Sequence[Hypothesis], whole: Array
-    ) -> EffectGain:
-        """What a group of the hypotheses brings beside the others. whole: (M, c) residuals with all."""
-        without = self.residuals([h for h in hypotheses if h not in group], self.dh)
+    def gain(self, name: str, group: Collection[str], whole: Array) -> EffectGain:
+        """What a group of the effects brings beside the others. whole: (M, c) residuals with all."""
+        others = [effect for effect in self.model_.names if effect not in group]
+        without = self.residuals(others, self.model_.dh)
         before, after = _square(without), _square(whole)
         groups = self.held.repeats
         ratio, interval = held_ratio(after, before, groups)
         rms_m = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
         turned = held_ratio(_turned(whole), _turned(without), groups) if whole.shape[1] == 6 else None
-        return EffectGain(name, self.block.name, *rms_m, ratio, interval, turned)
+        return EffectGain(name, self.name, *rms_m, ratio, interval, turned)
 
 
 def _turned(r: Array) -> Array:
@@ -353,6 +398,38 @@ def blocks(data: Measurements, split: Split) -> list[Block]:
         if mask is not None and _LEAST_HELD <= mask.sum() <= _MOST_HELD * len(pool)
     ]
     return out
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Blocks that together are one way of holding poses back; counts: effects are judged by them."""
+
+    turns: tuple[Block, ...]
+    counts: bool = True
+
+    @property
+    def name(self) -> str:
+        """Of all of them."""
+        return self.turns[0].name
+
+
+def _all_blocks(data: Measurements) -> list[_Blocks]:
+    """All ways of holding poses back; in turns where few poses are held out, which do not count then."""
+    turns = _in_turns(data)
+    single = [_Blocks((b,), b.name != HELD_OUT or turns is None) for b in blocks(data, choose_split(data))]
+    return [*([turns] if turns else []), *single]
+
+
+def _in_turns(data: Measurements) -> _Blocks | None:
+    """The poses that may be fitted, each held out once; None where enough are held out at once, or where too
+    few are there."""
+    split = choose_split(data)
+    pool = split.fit if split.given else np.arange(data.n)
+    if not 0 < len(split.held) < FEW_HELD or len(pool) < LEAST_IN_TURNS:
+        return None
+    number = folds(data.take(pool), TURNS)
+    parts = [(pool[number != k], pool[number == k]) for k in np.unique(number)]
+    return _Blocks(tuple(Block(CROSSED, fit, held) for fit, held in parts))
 
 
 def _region(q: Array) -> Mask:

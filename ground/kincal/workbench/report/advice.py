@@ -12,7 +12,7 @@ from kincal_shared.schema.names import UNNAMED, split_constants
 from ..diagnosis import Diagnosis
 from ..diagnosis.findings import UnnamedFinding
 from ..model.unnamed_names import UnnamedName
-from ..prediction.nested import DH, HELD_OUT, NOMINAL, NestedModel
+from ..prediction.nested import DH, FITTED, NOMINAL, NestedModel
 from ..prediction.nextposes import NextPose, would_decide
 from . import explain
 
@@ -102,7 +102,7 @@ def _worse_calibrated(d: Diagnosis, inputs: Inputs) -> Step | None:
 
 def _usual_held(d: Diagnosis) -> dict[str, float]:
     """Error of the held-out poses without outliers [m] by model."""
-    return {e.model: e.usual[0] for e in d.advised.errors if e.block == HELD_OUT}
+    return {e.model: e.usual[0] for e in d.advised.headline if e.block != FITTED}
 
 
 def _worse_by_dh(d: Diagnosis) -> bool:
@@ -112,7 +112,7 @@ def _worse_by_dh(d: Diagnosis) -> bool:
 
 def _by_dh(d: Diagnosis) -> str:
     errors = _usual_held(d)
-    return _fall(errors[NOMINAL], errors[DH])
+    return explain.fall(errors[NOMINAL], errors[DH])
 
 
 def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
@@ -120,16 +120,16 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     if inputs.model:
         return
     if _worse_by_dh(d):
-        why = f"not to be used without the effects below: held-out error {_by_dh(d)}"
+        why = f"not to be used without the effects below: {explain.held_error(d)} {_by_dh(d)}"
         yield Step(
             f"calibrate the DH parameters and frames of the arm; {why}",
             _kincal("fit", *inputs.sources, *inputs.written),
         )
         return
-    errors = {e.model: e for e in d.advised.errors}
+    errors = {e.model: e for e in d.advised.headline}
     gain = ""
     if _measured(d) and DH in errors:
-        gain = f" ({_gain((errors[NOMINAL].pos_m, errors[NOMINAL].usual[0]), errors[DH])})"
+        gain = f" ({_gain(d, (errors[NOMINAL].pos_m, errors[NOMINAL].usual[0]), errors[DH])})"
     yield Step(
         f"calibrate the DH parameters and frames of the arm{gain}",
         _kincal("fit", *inputs.sources, *inputs.written),
@@ -154,8 +154,7 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
             _kincal("remove", *inputs.written, *(split_constants(text)[0] for text in change.removed)),
         )
     if change.added:
-        given = d.comparison.rms["held"][0], [*d.comparison.errors_without(d.outliers.ids).values()][-1][0]
-        gain = f" ({_gain(given, change.errors[-1])})" if _measured(d) else ""
+        gain = f" ({_gain(d, explain.given_errors(d), change.headline[-1])})" if _measured(d) else ""
         yield Step(
             f"add the effects that were found{gain}{_only_predicting(d)}",
             _kincal("add", *inputs.written, *inputs.library, *change.added),
@@ -202,18 +201,16 @@ def _only_predicting(d: Diagnosis) -> str:
 
 
 def _measured(d: Diagnosis) -> bool:
-    return any(e.block == HELD_OUT for e in d.advised.errors)
+    return any(e.block != FITTED for e in d.advised.headline)
 
 
-def _gain(before_m: tuple[float, float], after: NestedModel) -> str:
-    """From an error, with and without outliers, to that of a model; without outliers where there are some."""
+def _gain(d: Diagnosis, before_m: tuple[float, float], after: NestedModel) -> str:
+    """From an error, with and without outliers, to that of a model; without outliers too, where there are
+    some."""
+    text = f"{explain.held_error(d)} {explain.fall(before_m[0], after.pos_m)}"
     if after.usual[0] == after.pos_m:
-        return f"held-out error {_fall(before_m[0], after.pos_m)}"
-    return f"held-out error, outliers excluded, {_fall(before_m[1], after.usual[0])}"
-
-
-def _fall(before_m: float, after_m: float) -> str:
-    return f"{before_m * 1e3:.3f} to {after_m * 1e3:.3f} mm"
+        return text
+    return f"{text}; outliers excluded, {explain.fall(before_m[1], after.usual[0])}"
 
 
 def _export(inputs: Inputs, why: str, form: str) -> Step:
@@ -250,5 +247,5 @@ def _excluding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
 
 def _outliers_count(d: Diagnosis) -> bool:
     """Outliers make up much of the error with the findings, or are many."""
-    last = d.advised.errors[-1] if d.advised.errors else None
+    last = d.advised.headline[-1] if d.advised.headline else None
     return not d.outliers.few or (last is not None and last.pos_m > _MUCH * last.usual[0])

@@ -129,6 +129,11 @@ def diagnosis_json(d: Diagnosis, next_poses: Sequence[NextPose] = (), steps: Seq
             }
             for e in d.advised.errors
         ],
+        "in_turns": [
+            {"model": e.model, **_pos_rot(e.pos_m, e.rot_rad), "without_outliers": _pos_rot(*e.usual)}
+            for e in d.advised.crossed
+        ]
+        or None,
         "advised": {"remove": list(d.advised.removed), "add": list(d.advised.added)},
         "next_steps": [{"why": step.why, "command": step.command} for step in steps],
         "verdict": d.verdict,

@@ -57,13 +57,13 @@ def _found(d: Diagnosis) -> Iterator[str]:
             yield f"      inspect: {e.inspect}"
     if d.effects:
         yield from (
-            "  * added and shown to help: poses that were not fitted are predicted better, and P, where",
-            "  stated, is at least 0.5; + added, undecided: the interval of the ratio reaches 1, or P is",
+            "  * added and shown to help: poses that were not fitted are predicted better, and P, where it",
+            "  decides, is at least 0.5; + added, undecided: the interval of the ratio reaches 1, or P is",
             "  below 0.5; the others are alternatives. Ratio: error of the final model with the effect /",
             "  without it. P = evidence x support x identity: the effect explains these poses, helps on",
             "  poses that were not fitted, and is what its name says. P depends on this library and its",
-            "  priors, and is not stated where something unnamed explains more. 'Consistent with' does not",
-            "  mean 'proven'.",
+            "  priors. Where something unnamed explains more, effects are added for what they predict,",
+            "  however small P is. 'Consistent with' does not mean 'proven'.",
         )
 
 
@@ -73,7 +73,7 @@ def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
         odds += explain.doubts(e)
     return [
         f"{_mark(e)} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),
-        *([f"      {explain.NOT_CONFIRMED}"] if e.taken_back else []),
+        *([f"      {explain.not_confirmed(e)}"] if e.taken_back else []),
         *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
         *[f"      {wrong}" for wrong in [explain.negative(e.parameters)] if wrong],
         *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),

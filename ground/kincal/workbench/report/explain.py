@@ -23,7 +23,7 @@ from ..model.hypotheses import Untestable, effect_of, joints_of, place_of
 from ..model.unnamed_names import HEADINGS, SENSOR_AXES, UnnamedName
 from ..numerics.distributions import chi2_tail
 from ..prediction.gain import much_worse
-from ..prediction.nested import EffectGain, NestedModels
+from ..prediction.nested import CROSSED, EffectGain, NestedModels
 from ..prediction.nextposes import NextPose, poses_to_decide
 from ..prediction.reachable import Reachable
 
@@ -80,6 +80,7 @@ _BLOCKS = {
     "unseen region": "the unseen region",
     "time block": "the held-out time block",
     "direction": "the held-out approach direction",
+    CROSSED: "poses held out in turns",
 }
 
 
@@ -131,16 +132,13 @@ def why(e: EffectFinding) -> str:
         f"{percent(e.explained_share)} of the residual of the model without it, {held_gain(e.held)}"
     )
     if e.role == "helps":
-        text += "; something unnamed explains more, but "
-        text += "it improves held-out poses" if e.helps else "it improves cross-validation"
+        text += f"; something unnamed explains more, but {only_predicts(e)}"
     else:
         text += f", probability {e.probability:.2f}{doubts(e)}"
     if e.harms:
         text += "; it harms: not in the model"
-    elif e.taken_back:
-        text += f"; {NOT_CONFIRMED}"
-    if e.doubts.worse:
-        text += f"; it makes {listed([*map(in_block, e.doubts.worse)])} much worse: not in the model"
+    elif e.taken_back or e.doubts.worse:
+        text += f"; {not_confirmed(e)}"
     if e.inferred_direction:
         text += "; approach direction inferred from the order of measurement"
     if against_nature := negative(e.parameters):
@@ -218,16 +216,38 @@ def probability(p: float) -> str:
     """A probability that never claims to be 0 or 1."""
     if p < 0.01:
         return "P < 0.01"
+    if p < LIKELY and f"{p:.2f}" == f"{LIKELY:.2f}":
+        return f"P < {LIKELY:.2f}"
     return "P > 0.99" if p > 0.99 else f"P = {p:.2f}"
 
 
-NOT_CONFIRMED = "the evidence is that of fitted poses, and others do not confirm it: not in the model"
-"""Of an effect that won, and was taken back."""
+def not_confirmed(e: EffectFinding) -> str:
+    """Why an effect that won was taken back."""
+    if e.doubts.worse:
+        return f"it makes {listed([*map(in_block, e.doubts.worse)])} much worse: not in the model"
+    if e.helps:
+        return (
+            "others gain from it beside the final model, but did not beside what it was found with: not in "
+            "the model"
+        )
+    return "the evidence is that of fitted poses, and others do not confirm it: not in the model"
 
 
 def odds(e: EffectFinding, d: Diagnosis) -> str:
-    """The probability of an effect with what it is against; empty where held-out poses decided."""
-    return "" if e.role == "helps" else f"{probability(e.probability)} {against(e, d)}"
+    """The probability of an effect with what it is against; of one that did not win only a small one, and why
+    it is in the model in spite of it."""
+    if e.role == "helps" and e.probability < LIKELY:
+        return f"{only_predicts(e)}, whatever its cause ({probability(e.probability)} that it is this effect)"
+    if e.role == "helps":
+        return ""
+    return f"{probability(e.probability)} {against(e, d)}"
+
+
+def only_predicts(e: EffectFinding) -> str:
+    """What an effect is in the model for that did not win."""
+    return "it improves held-out poses" if e.helps and not e.held.cross_validated else (
+        "it improves cross-validation"
+    )  # fmt: skip
 
 
 def against(e: EffectFinding, d: Diagnosis) -> str:
@@ -714,13 +734,35 @@ def _held_fall(d: Diagnosis) -> str:
     before, after = d.comparison.rms["held"][0], d.remainder.held_pos_m
     if not (math.isfinite(before) and math.isfinite(after)):
         return "the poses fit better (none are held out, so the gain is not measured)"
-    what, count = "held-out error", among(d.outliers, d.comparison.measured)
-    if count:
-        what += f" ({excluded(count)})"
-        given = [*d.comparison.errors_without(d.outliers.ids).values()][-1]
-        before, after = given[0], d.advised.errors[-1].usual[0]
-    verb = "falls" if after < before else "changes"
-    return f"the {what} {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
+    last, given = d.advised.headline[-1], given_errors(d)
+    verb = "falls" if last.pos_m < given[0] else "changes"
+    text = f"the {held_error(d)} {verb} from {fall(given[0], last.pos_m)}"
+    if count := among(d.outliers, judged(d)):
+        text += f" ({excluded(count)}: {fall(given[1], last.usual[0])})"
+    return text
+
+
+def held_error(d: Diagnosis) -> str:
+    """Which error is said first: few held-out poses say little."""
+    return "cross-validated error" if d.advised.crossed else "held-out error"
+
+
+def judged(d: Diagnosis) -> Measurements:
+    """The poses of that error."""
+    return d.comparison.fit_all.data if d.advised.crossed else d.comparison.measured
+
+
+def given_errors(d: Diagnosis) -> tuple[float, float]:
+    """That error of the given model [m], with all poses and without the outliers of the final model."""
+    if (crossed := d.advised.crossed_given) is not None:
+        return crossed.pos_m, crossed.usual[0]
+    without = [*d.comparison.errors_without(d.outliers.ids).values()][-1][0]
+    return d.comparison.rms["held"][0], without
+
+
+def fall(before_m: float, after_m: float) -> str:
+    """From one error to another."""
+    return f"{before_m * 1e3:.3f} to {after_m * 1e3:.3f} mm"
 
 
 FOLLOWS_ORIENTATION = (

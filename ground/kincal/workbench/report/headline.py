@@ -44,7 +44,9 @@ def big_numbers(c: Comparison, d: Diagnosis | None = None, *, each: bool = False
     another), what is reachable, noise floor."""
     errors = list(_errors(c, d, each))
     black_box = reachable_number(c, None if d is None else d.outliers)
-    if d is not None and _less(errors[-1], black_box):
+    if d is not None and d.advised.crossed:  # errors of other poses than those before it
+        black_box = replace(black_box, about=f"{len(c.split.held)} held-out poses; {black_box.about}")
+    elif d is not None and _less(errors[-1], black_box):
         black_box = replace(black_box, about=f"{black_box.about}; the findings do better")
     elif d is not None and d.novel is not None and d.novel.held.gains:
         with_it = replace(errors[-1], pos_m=(errors[-1].pos_m or math.nan) * d.novel.held.ratio)
@@ -65,10 +67,12 @@ def _less(one: BigNumber, other: BigNumber) -> bool:
 def _errors(c: Comparison, d: Diagnosis | None, each: bool) -> Iterator[BigNumber]:
     held, outliers = len(c.split.held), c.outliers if d is None else d.outliers
     about = f"RMS of {held} held-out poses" if held else "RMS of the fitted poses; none are held out"
-    found = {} if d is None else {e.model: (e.pos_m, e.rot_rad) for e in d.advised.errors}
-    usual = {} if d is None else {e.model: e.usual for e in d.advised.errors}
+    errors = () if d is None else d.advised.headline
+    if crossed := d is not None and bool(d.advised.crossed):
+        about = f"RMS of {c.fit_all.data.n} poses, held out in turns"
+    found, usual = {e.model: (e.pos_m, e.rot_rad) for e in errors}, {e.model: e.usual for e in errors}
     found, usual = found or dict(c.errors), usual or c.errors_without(outliers.ids)
-    count = explain.among(outliers, c.measured)
+    count = explain.among(outliers, c.fit_all.data if crossed else c.measured)
     effects = [name for name in found if name.startswith("+ ")]
     if effects and not each:
         first = {name: found[name] for name in (NOMINAL, DH) if name in found}
