@@ -12,10 +12,12 @@ from kincal.export.calibrated import BASE, TOOL
 from kincal.workbench.comparison.fitrecord import file_digest
 from kincal.workbench.comparison.fitting import check_needs
 from kincal.workbench.data.measurements import Measurements, at_time
+from kincal.workbench.evidence.adequacy import gross
 from kincal.workbench.fit.least_squares import rms
 from kincal.workbench.model.effects import Library, Parameter
 from kincal.workbench.model.flight_model import flight_model
 from kincal.workbench.numerics.types import Array
+from kincal.workbench.prediction.gain import unpaired_ratio
 from kincal.workbench.prediction.reachable import PosRot
 from kincal_shared.errors import CannotAnswer
 
@@ -37,8 +39,10 @@ class Predicted:
     that the fit found; oriented: the poses have orientations that are not compared; model: with all fitted
     values; held: the error on held-out poses when it was fitted, None if there were none; residuals: (N, c)
     of the model, measured minus predicted; worst: poses, the worst first; fitted: files of these measurements
-    that the model was fitted to; as_in_the_end: effects of time, taken as they were in the end of the fitted
-    session."""
+    that the model was fitted to; outliers: ids of poses that are off by far more than the others; usual: as
+    `model`, without them; ratio: position error without them over that of the held-out poses when it was
+    fitted, with its 95 % interval, None where there were none or the model was fitted to these measurements;
+    as_in_the_end: effects of time, taken as they were in the end of the fitted session."""
 
     arm: str
     source: str
@@ -52,6 +56,9 @@ class Predicted:
     residuals: Array
     worst: tuple[PoseError, ...]
     fitted: tuple[str, ...]
+    outliers: tuple[str, ...]
+    usual: PosRot
+    ratio: tuple[float, tuple[float, float]] | None
     as_in_the_end: tuple[str, ...] = ()
 
     @property
@@ -80,6 +87,11 @@ def predict(
     compared = slice(min(record.components, data.components))  # positions leave the tool's turn open
     residuals = model.residuals(values)[:, compared]
     held = None if record.held_mm is None else (record.held_mm * 1e-3, _scaled(record.held_mrad))
+    square = np.array((residuals[:, :3] ** 2).sum(axis=1))
+    usual, ratio = ~gross(square), None
+    if held is not None and not fitted:
+        groups = data.take(usual).repeats
+        ratio = unpaired_ratio(square[usual], held[0], len(record.held), groups)
     return Predicted(
         arm=calibrated.arm.name,
         source=data.source,
@@ -93,6 +105,9 @@ def predict(
         residuals=residuals,
         worst=_worst(data, residuals),
         fitted=fitted,
+        outliers=tuple(data.ids[i] for i in np.flatnonzero(~usual)),
+        usual=rms(residuals[usual]),
+        ratio=ratio,
         as_in_the_end=() if fitted else calibrated.of_session,
     )
 

@@ -238,9 +238,11 @@ def predicted(p: Predicted) -> str:
         f"nominal arm        {_error(p.nominal)} in the base and tool frame of the fit, which suit its "
         "values; `compare` gives the nominal arm its own",
         f"fitted model       {_error(p.model)}, largest {_error(p.largest)}",
+        *_without_outliers(p),
         f"when it was fitted {'unknown: no poses were held out' if p.held is None else _error(p.held)}"
         + (" on held-out poses" if p.held else ""),
     ]
+    lines += [f"new poses          {_as_well(p)}"] if p.ratio is not None else []
     if p.oriented:
         lines.append("note: orientations are not compared: the model was fitted to positions alone")
     if p.as_in_the_end:
@@ -249,6 +251,25 @@ def predicted(p: Predicted) -> str:
     lines += [f"note: the model was fitted to {file}: this is not a prediction" for file in p.fitted]
     return "\n".join(
         [*lines, "worst poses        " + "; ".join(f"{w.id} {_error((w.pos_m, w.rot_rad))}" for w in p.worst)]
+    )
+
+
+def _without_outliers(p: Predicted) -> list[str]:
+    if not p.outliers:
+        return []
+    which = "outlier" if len(p.outliers) == 1 else f"{len(p.outliers)} outliers"
+    return [f"without outliers   {_error(p.usual)} ({which}: {', '.join(p.outliers)})"]
+
+
+def _as_well(p: Predicted) -> str:
+    """Whether these poses are predicted as well as those that were held out when the model was fitted."""
+    assert p.ratio is not None  # as asked before
+    ratio, (low, high) = p.ratio
+    how = "worse than" if low > 1.0 else "better than" if high < 1.0 else "as well as"
+    without = ", outliers excluded" if p.outliers else ""
+    return (
+        f"predicted {how} the held-out ones of the fit{without}: ratio of position errors {ratio:.2f} (95 % "
+        f"interval {low:.2f} to {high:.2f})"
     )
 
 
@@ -265,6 +286,10 @@ def predicted_json(p: Predicted) -> dict[str, Any]:
             {"model": "model", **_milli(p.model)},
         ],
         "max": _milli(p.largest),
+        "outliers": list(p.outliers),
+        "without_outliers": _milli(p.usual),
+        "ratio": p.ratio and p.ratio[0],
+        "ratio_interval": p.ratio and list(p.ratio[1]),
         "held": None if p.held is None else _milli(p.held),
         "worst_poses": [{"id": w.id, **_milli((w.pos_m, w.rot_rad))} for w in p.worst],
         "fit_data": list(p.fitted),
