@@ -515,7 +515,7 @@ def test_what_moves_with_time_is_not_called_noise_that_more_poses_reduce(found):
     )  # fmt: skip
     d = replace(found.d, verdict="novel", effects=(), novel=one, serial=Serial(0.33, 1e-9))
     said = explain.verdict(d)
-    assert "It moves with time: 33 % of the remaining error" in said and "noise" not in said
+    assert "look alike: 33 % of the remaining error" in said and "If nothing there moves, take more" in said
     by_joint = replace(one, location="joint 2", depends_on=("q1",))
     assert "The noise is correlated in time" in explain.verdict(replace(d, novel=by_joint))
     d = replace(d, advised=NOTHING_ADVISED)

@@ -93,7 +93,7 @@ def test_noise_that_is_correlated_in_time_is_no_effect(arm, library, noise, seed
     assert d.serial.share > 0.4
     assert not d.adequate_after
     said = explain.verdict(d)
-    assert "The noise is correlated in time" in said and "no missing effect" not in said
+    assert "correlated in time" in said and "no missing effect" not in said
     assert "the model does NOT explain these data" in diagnosis_text(d)
     assert said.endswith("take more poses, at rest.")  # they are in random order already
     assert diagnosis_json(d)["correlated_in_time"] == {"share": d.serial.share, "p_value": d.serial.p_value}

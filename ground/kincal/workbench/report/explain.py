@@ -570,7 +570,8 @@ def verdict(d: Diagnosis) -> str:
     if d.serial is not None:
         by_time = d.novel is not None and d.novel.found and "t" in d.novel.depends_on
         random_order = in_random_order(d.comparison.data)
-        said.append(following_time(d.serial) if by_time else correlated(d.serial, random_order=random_order))
+        words = following_time if by_time else correlated
+        said.append(words(d.serial, random_order=random_order))
     return " ".join(said)
 
 
@@ -589,14 +590,6 @@ def _waves(d: Diagnosis) -> list[str]:
     return [f"Several waves of {joints} may be one smooth function of the joint's angle"]
 
 
-def following_time(s: Serial) -> str:
-    """That the error is correlated in time where something that moves with time is found."""
-    return (
-        f"It moves with time: {percent(s.share)} of the remaining error is shared by consecutive poses. "
-        "Effects were therefore judged on whole stretches of the session that were held out."
-    )
-
-
 def correlated(s: Serial, *, random_order: bool) -> str:
     """That the noise is correlated in time, or may be, and what to do; random_order: the poses were measured
     in such an order already."""
@@ -609,6 +602,16 @@ def correlated(s: Serial, *, random_order: bool) -> str:
         f"The noise {be} correlated in time: {percent(s.share)} of the remaining error is shared by "
         f"consecutive poses {but}. Effects were therefore judged on whole stretches of the session that were "
         f"held out. To improve: take more poses, at rest{order}."
+    )
+
+
+def following_time(s: Serial, *, random_order: bool) -> str:
+    """The same where something that moves with time is found."""
+    order = "" if random_order else " and in random order"
+    return (
+        f"What moves and noise that is correlated in time look alike: {percent(s.share)} of the remaining "
+        "error is shared by consecutive poses. Effects were therefore judged on whole stretches of the "
+        f"session that were held out. If nothing there moves, take more poses, at rest{order}."
     )
 
 
