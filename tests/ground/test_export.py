@@ -863,6 +863,28 @@ def test_another_session_is_predicted_with_what_the_fitted_one_left(folder, tmp_
     made = well(tmp_path, "model", "export", "--model", "M.toml", "--format", "python", "-o", "o.py")
     assert "give a t_s of that session; its end, `end_s` in the model file," in made.stderr
     assert wb.read_model(tmp_path / "M.toml").fit.end_s == 60.0 * 89
+    for files in (["first.csv", "--data", "later.csv"], ["later.csv", "--data", "first.csv"]):
+        mixed = kincal(tmp_path, "model", "predict", *on, *files)  # one clock for both
+        assert mixed.exit_code == EXIT_INPUT and "nor of others alone" in mixed.stderr
+        assert "first.csv), or only files of other sessions" in mixed.stderr
+
+
+def test_a_session_of_two_files_is_predicted_by_both_in_their_order_alone(folder, tmp_path):
+    """The second file alone begins at 0 on its clock: before the step, that is, and so it was predicted."""
+    parts = []
+    for k, slip in enumerate((0.0, 4e-3)):
+        parts.append(f"{k}.csv")
+        poses.poses_csv(tmp_path / parts[k], 40, 3 + k, lambda q, _, s=slip: q + s * np.eye(7)[1])
+    on = ("--arm", str(folder / "arm.toml"), "--model", "M.toml", "--data")
+    well(tmp_path, "model", "add", "--model", "M.toml", "bias_step[2]")
+    well(tmp_path, "model", "fit", *on, parts[0], "--data", parts[1])
+    both = json.loads(
+        kincal(tmp_path, "model", "predict", *on, parts[0], "--data", parts[1], "--json").stdout
+    )
+    assert len(both["fit_data"]) == 2 and both["as_in_the_end"] == []
+    for files in ([parts[1]], [parts[1], "--data", parts[0]]):
+        done = kincal(tmp_path, "model", "predict", *on, *files)
+        assert done.exit_code == EXIT_INPUT and "name all files of the fit in its order" in done.stderr
 
 
 def test_json_holds_every_number_with_its_unit(folder):

@@ -19,7 +19,7 @@ from kincal.workbench.model.flight_model import flight_model
 from kincal.workbench.numerics.types import Array
 from kincal.workbench.prediction.gain import unpaired_ratio
 from kincal.workbench.prediction.reachable import PosRot
-from kincal_shared.errors import CannotAnswer
+from kincal_shared.errors import BadInput, CannotAnswer
 
 _WORST = 5
 
@@ -73,10 +73,14 @@ def predict(
 ) -> Predicted:
     """The errors of a fitted arm at measurements; library: of its effects; files: that the measurements were
     read from. What moved with the time of the fitted session stays where it was in the end of it.
-    CannotAnswer if the data lack what an effect needs."""
+    CannotAnswer if the data lack what an effect needs; BadInput if they are neither that session as it was
+    fitted nor apart from it."""
     record = calibrated.record
-    known = {entry.sha256 for entry in record.data}
-    fitted = tuple(str(file) for file in files if file_digest(file) in known)
+    known = [entry.sha256 for entry in record.data]
+    digests = [file_digest(file) for file in files]
+    fitted = tuple(str(file) for file, own in zip(files, digests, strict=True) if own in known)
+    if calibrated.of_session and fitted and digests != known:
+        raise _of_another_clock(calibrated)
     if calibrated.of_session and not fitted:
         data = at_time(data, _end_s(calibrated))
     check_needs(library, calibrated.effects, calibrated.arm, data)
@@ -109,6 +113,18 @@ def predict(
         usual=rms(residuals[usual]),
         ratio=ratio,
         as_in_the_end=() if fitted else calibrated.of_session,
+    )
+
+
+def _of_another_clock(calibrated: CalibratedArm) -> BadInput:
+    """Why some files of a session, or all of them with others, do not tell its time: several files are put
+    on one clock, which begins with the first."""
+    files = ", ".join(entry.path for entry in calibrated.record.data)
+    return BadInput(
+        f"{', '.join(calibrated.of_session)}: follows the time of the fitted session, and these files are "
+        "neither all of that session in its order nor of others alone",
+        calibrated.file,
+        f"name all files of the fit in its order ({files}), or only files of other sessions",
     )
 
 
