@@ -16,12 +16,15 @@ from kincal.workbench.evidence.adequacy import gross
 from kincal.workbench.fit.least_squares import rms
 from kincal.workbench.model.effects import Library, Parameter
 from kincal.workbench.model.flight_model import flight_model
-from kincal.workbench.numerics.types import Array
-from kincal.workbench.prediction.gain import unpaired_ratio
+from kincal.workbench.numerics.types import Array, Groups
+from kincal.workbench.prediction.gain import group_means, unpaired_ratio
+from kincal.workbench.prediction.nested import HELD_OUT
 from kincal.workbench.prediction.reachable import PosRot
 from kincal_shared.errors import BadInput, CannotAnswer
+from kincal_shared.schema.model import ExpectedEntry, FitEntry
 
 _WORST = 5
+_LEAST_COMPARED = 8  # poses: an interval of fewer is too narrow (of one it is no interval)
 
 
 @dataclass(frozen=True)
@@ -37,11 +40,12 @@ class PoseError:
 class Predicted:
     """Errors at N poses that no value was fitted to. nominal: of the arm table, in the base and tool frame
     that the fit found; oriented: the poses have orientations that are not compared; model: with all fitted
-    values; held: the error on held-out poses when it was fitted, None if there were none; residuals: (N, c)
+    values; held: the error on held-out poses when it was fitted, None if there were none; expected: the
+    error that the fit said of poses in turns, else of these, as the model file has it; residuals: (N, c)
     of the model, measured minus predicted; worst: poses, the worst first; fitted: files of these measurements
     that the model was fitted to; outliers: ids of poses that are off by far more than the others; usual: as
-    `model`, without them; ratio: position error without them over that of the held-out poses when it was
-    fitted, with its 95 % interval, None where there were none or the model was fitted to these measurements;
+    `model`, without them; ratio: position error without them over the expected one without outliers, with its
+    95 % interval, None with few poses on either side or where the model was fitted to these measurements;
     as_in_the_end: effects of time, taken as they were in the end of the fitted session."""
 
     arm: str
@@ -53,6 +57,7 @@ class Predicted:
     nominal: PosRot
     model: PosRot
     held: PosRot | None
+    expected: ExpectedEntry | None
     residuals: Array
     worst: tuple[PoseError, ...]
     fitted: tuple[str, ...]
@@ -92,10 +97,8 @@ def predict(
     residuals = model.residuals(values)[:, compared]
     held = None if record.held_mm is None else (record.held_mm * 1e-3, _scaled(record.held_mrad))
     square = np.array((residuals[:, :3] ** 2).sum(axis=1))
-    usual, ratio = ~gross(square), None
-    if held is not None and not fitted:
-        groups = data.take(usual).repeats
-        ratio = unpaired_ratio(square[usual], held[0], len(record.held), groups)
+    usual, expected = ~gross(square), record.expected or _of_held(record)
+    ratio = None if expected is None or fitted else _ratio(square[usual], data.take(usual).repeats, expected)
     return Predicted(
         arm=calibrated.arm.name,
         source=data.source,
@@ -106,6 +109,7 @@ def predict(
         nominal=rms(model.residuals(np.where(frames, values, 0.0))[:, compared]),
         model=rms(residuals),
         held=held,
+        expected=expected,
         residuals=residuals,
         worst=_worst(data, residuals),
         fitted=fitted,
@@ -138,6 +142,26 @@ def _end_s(calibrated: CalibratedArm) -> float:
             "`kincal model fit` again",
         )
     return calibrated.record.end_s
+
+
+def _of_held(record: FitEntry) -> ExpectedEntry | None:
+    """What a fit of an earlier version says of other poses."""
+    if record.held_mm is None or not record.held:
+        return None
+    mm, mrad = record.held_mm, record.held_mrad
+    return ExpectedEntry(
+        held_out=HELD_OUT, poses=len(record.held), mm=mm, mrad=mrad, usual_mm=mm, usual_mrad=mrad
+    )
+
+
+def _ratio(
+    square: Array, groups: Groups | None, expected: ExpectedEntry
+) -> tuple[float, tuple[float, float]] | None:
+    """Of squared errors [m^2] to the expected one; None where few poses say little of either."""
+    others = expected.poses - expected.outliers
+    if min(len(group_means(square, groups)), others) < _LEAST_COMPARED:
+        return None
+    return unpaired_ratio(square, expected.usual_mm * 1e-3, others, groups)
 
 
 def _scaled(mrad: float | None) -> float | None:

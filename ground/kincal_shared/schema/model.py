@@ -53,6 +53,25 @@ class FrameEntry(Strict):
     """Orientation, unit quaternion, scalar part first."""
 
 
+class ExpectedEntry(Strict):
+    """The error that the last fit says of poses that it was not fitted to."""
+
+    held_out: Literal["held-out poses", "poses in turns"]
+    """How these poses were held out; in turns where few are held out at once."""
+    poses: Annotated[int, pydantic.Field(ge=1)]
+    """Number of these poses."""
+    outliers: Annotated[int, pydantic.Field(ge=0)] = 0
+    """Number of outliers among them."""
+    mm: NotNegative
+    """RMS position error [mm]."""
+    mrad: NotNegative | None = None
+    """RMS rotation error [mrad]."""
+    usual_mm: NotNegative
+    """RMS position error without the outliers [mm]."""
+    usual_mrad: NotNegative | None = None
+    """RMS rotation error without the outliers [mrad]."""
+
+
 class DataEntry(Strict):
     """A file of measurements that the model was fitted to."""
 
@@ -106,6 +125,8 @@ class FitEntry(Strict):
     less than all of it [mm]."""
     exported_table_mm: NotNegative | None = None
     """RMS position error on the same poses of the table that is exported, fitted to all poses [mm]."""
+    expected: ExpectedEntry | None = None
+    """The error that `fit` begins with: what other poses of this kind are compared with."""
     end_s: Real | None = None
     """Time of the last fitted pose [s]: where effects of time stand in other sessions."""
     noise_scale: NotNegative

@@ -16,8 +16,9 @@ from kincal.workbench.model.modelfile import ModelFile
 from kincal.workbench.model.parameters import BETA
 from kincal.workbench.model.unnamed_names import UnnamedName
 from kincal.workbench.prediction.nested import EffectGain
+from kincal.workbench.prediction.reachable import PosRot
 from kincal.workbench.report import explain
-from kincal_shared.schema.model import FitEntry
+from kincal_shared.schema.model import ExpectedEntry, FitEntry
 from kincal_shared.schema.terms import TermEntry
 
 _INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
@@ -239,8 +240,7 @@ def predicted(p: Predicted) -> str:
         "values; `compare` gives the nominal arm its own",
         f"fitted model       {_error(p.model)}, largest {_error(p.largest)}",
         *_without_outliers(p),
-        f"when it was fitted {'unknown: no poses were held out' if p.held is None else _error(p.held)}"
-        + (" on held-out poses" if p.held else ""),
+        f"when it was fitted {_expected(p.expected)}",
     ]
     lines += [f"new poses          {_as_well(p)}"] if p.ratio is not None else []
     if p.oriented:
@@ -261,12 +261,35 @@ def _without_outliers(p: Predicted) -> list[str]:
     return [f"without outliers   {_error(p.usual)} ({which}: {', '.join(p.outliers)})"]
 
 
+def _expected(e: ExpectedEntry | None) -> str:
+    """What the fit said of poses that it was not fitted to."""
+    if e is None:
+        return "unknown: no poses were held out"
+    usual = _metres(e.usual_mm, e.usual_mrad)
+    without = f" ({explain.without_outliers(e.outliers, *usual)})" if e.outliers else ""
+    return f"{_error(_metres(e.mm, e.mrad))} on {e.held_out}{without}"
+
+
+def _expected_json(e: ExpectedEntry) -> dict[str, Any]:
+    return {
+        "held_out": e.held_out,
+        "poses": e.poses,
+        "outliers": e.outliers,
+        **_milli(_metres(e.mm, e.mrad)),
+        "without_outliers": _milli(_metres(e.usual_mm, e.usual_mrad)),
+    }
+
+
+def _metres(mm: float, mrad: float | None) -> PosRot:
+    return mm * 1e-3, None if mrad is None else mrad * 1e-3
+
+
 def _as_well(p: Predicted) -> str:
     """Whether these poses are predicted as well as those that were held out when the model was fitted."""
-    assert p.ratio is not None  # as asked before
+    assert p.ratio is not None and p.expected is not None  # as asked before
     ratio, (low, high) = p.ratio
     how = "worse than" if low > 1.0 else "better than" if high < 1.0 else "as well as"
-    without = ", outliers excluded" if p.outliers else ""
+    without = ", outliers excluded" if p.outliers or p.expected.outliers else ""
     return (
         f"predicted {how} the held-out ones of the fit{without}: ratio of position errors {ratio:.2f} (95 % "
         f"interval {low:.2f} to {high:.2f})"
@@ -291,6 +314,7 @@ def predicted_json(p: Predicted) -> dict[str, Any]:
         "ratio": p.ratio and p.ratio[0],
         "ratio_interval": p.ratio and list(p.ratio[1]),
         "held": None if p.held is None else _milli(p.held),
+        "expected": None if p.expected is None else _expected_json(p.expected),
         "worst_poses": [{"id": w.id, **_milli((w.pos_m, w.rot_rad))} for w in p.worst],
         "fit_data": list(p.fitted),
         "as_in_the_end": list(p.as_in_the_end),

@@ -12,7 +12,7 @@ import numpy as np
 
 from kincal.rotations import Pose
 from kincal_shared.schema.arm import ArmTable, Frame, Joint
-from kincal_shared.schema.model import DataEntry, FitEntry, FrameEntry, SightEntry
+from kincal_shared.schema.model import DataEntry, ExpectedEntry, FitEntry, FrameEntry, SightEntry
 from kincal_shared.schema.names import PNP
 
 from ..fit.least_squares import Fit, rms
@@ -20,6 +20,7 @@ from ..model.modelfile import ModelFile
 from ..model.parameters import BETA, is_beta
 from ..model.pnp import sight_of_column
 from ..model.sight import sights
+from ..prediction.nested import CROSSED, HELD_OUT
 from .fitting import FitResult
 
 
@@ -58,6 +59,7 @@ def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEnt
         held_mrad=None if held[1] is None else held[1] * 1e3,
         held_table_mm=None if table is None else table.held[0] * 1e3,
         exported_table_mm=None if table is None else table.exported[0] * 1e3,
+        expected=_expected(result),
         end_s=None if fit.data.t_s is None else float(fit.data.t_s.max()),
         noise_scale=fit.scale,
         base=_frame(fit.base),
@@ -66,6 +68,25 @@ def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEnt
         position_change_mm=position_changes_mm(fit),
         covariance=[[float(f"{x:.9g}") for x in row[: i + 1]] for i, row in enumerate(fit.cov)],
     )
+
+
+def _expected(result: FitResult) -> ExpectedEntry | None:
+    """The error of the whole model on poses in turns where they took turns, else on the held-out ones."""
+    comparison, last = result.comparison, {m.block: m for m in result.nested.models}
+    judged = {CROSSED: comparison.fit_all.data, HELD_OUT: comparison.held_data}
+    for block, data in judged.items():
+        if data is not None and (model := last.get(block)) is not None:
+            usual, mrad = model.usual, (model.rot_rad, model.usual[1])
+            return ExpectedEntry(
+                held_out=block,
+                poses=data.n,
+                outliers=data.n - int(data.are_not(comparison.outliers.ids).sum()),
+                mm=model.pos_m * 1e3,
+                mrad=None if mrad[0] is None else mrad[0] * 1e3,
+                usual_mm=usual[0] * 1e3,
+                usual_mrad=None if mrad[1] is None else mrad[1] * 1e3,
+            )
+    return None
 
 
 def sight_entry(fit: Fit) -> SightEntry | None:

@@ -21,6 +21,7 @@ from kincal_shared.schema.errors import SchemaError, read_toml, validate
 from kincal_shared.schema.model import (
     VERSION,
     DataEntry,
+    ExpectedEntry,
     FitEntry,
     FormerEntry,
     FrameEntry,
@@ -358,7 +359,8 @@ def _fit(fit: FitEntry | None) -> list[str]:
         *_frame("base", fit.base),
         *_frame("tool", fit.tool),
         *(line for data in fit.data for line in _data(data)),
-        *_sight(fit.sight),
+        *_table("expected", fit.expected),
+        *_table("sight", fit.sight),
         *(["", "[fit.position_change_mm]"] if fit.position_change_mm else []),
         *(f"{json.dumps(name)} = {value!r}" for name, value in fit.position_change_mm.items()),
     ]
@@ -380,9 +382,9 @@ def _frame(name: str, frame: FrameEntry) -> list[str]:
     return ["", f"[fit.{name}]", *numbers]
 
 
-def _sight(sight: SightEntry | None) -> list[str]:
-    keys = {} if sight is None else sight.model_dump(mode="json", exclude_none=True)
-    return ["", "[fit.sight]", *(f"{key} = {json.dumps(x)}" for key, x in keys.items())] if keys else []
+def _table(name: str, entry: ExpectedEntry | SightEntry | None) -> list[str]:
+    keys = {} if entry is None else entry.model_dump(mode="json", exclude_none=True)
+    return ["", f"[fit.{name}]", *(f"{key} = {json.dumps(x)}" for key, x in keys.items())] if keys else []
 
 
 def _data(data: DataEntry) -> list[str]:
