@@ -515,12 +515,23 @@ void test_every_kind_is_found_again_and_deleted(void)
         open_store();
         TEST_ASSERT_EQUAL_UINT8(1u, s_f.there[kinds[i]][0]);
         TEST_ASSERT_EQUAL_UINT64(1u, s_f.number[kinds[i]][0]);
+        errno = EIO; /* of a call before */
         TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &gone));
         for (uint32_t k = 0u; k < 2u; k++) {
             TEST_ASSERT_EQUAL_UINT8(0u, s_f.there[kinds[i]][k]);
             TEST_ASSERT_EQUAL_UINT64(0u, s_f.number[kinds[i]][k]);
         }
     }
+}
+
+void test_a_copy_may_be_read_and_written_by_whom_the_mask_lets(void)
+{
+    struct stat st;
+    const mode_t mask = umask(S_IWOTH);
+    (void)store_arm(1);
+    (void)umask(mask);
+    TEST_ASSERT_EQUAL_INT(0, stat(path(s_dir, "k01.a"), &st));
+    TEST_ASSERT_EQUAL_HEX32(0664, st.st_mode & 0777);
 }
 
 void test_what_was_deleted_does_not_come_back(void)
