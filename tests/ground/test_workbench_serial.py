@@ -8,6 +8,7 @@ import pytest
 from places import DATA
 
 from kincal import workbench as wb
+from kincal.workbench.data.measurements import replicate_groups
 from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.evidence.adequacy import find_outliers
 from kincal.workbench.evidence.serial import serial_correlation
@@ -205,3 +206,18 @@ def test_outliers_that_were_measured_one_after_another_show_when_something_happe
     if said:  # nor in rows of another order than that of measurement
         shuffled = replace(data.take(rng.permutation(60)), t_s=None)
         assert not find_outliers(fit_model(arm, shuffled)).in_a_row
+
+
+def test_replicates_of_one_pose_in_a_row_show_a_bad_pose_and_not_when_something_happened(arm):
+    """Each pose was approached twice, one of them is off both times: "something happened then"."""
+    rng = np.random.default_rng(3)
+    twice = np.repeat(rng.uniform(LOW, HIGH, (50, 7)), 2, axis=0) + rng.normal(0.0, 1e-5, (100, 7))
+    said = []
+    for off in ((40, 41), (38, 39, 40, 41)):
+        shifted_m = np.where(np.isin(np.arange(100), off)[:, None], 0.02, 0.0)
+        data = measured(twice, 4, white, size=0.0, shifted_m=shifted_m)
+        data = replace(data, replicate=replicate_groups(data.q))
+        outliers = find_outliers(fit_model(arm, data))
+        assert outliers.ids == tuple(map(str, off))
+        said.append(outliers.in_a_row)
+    assert said == [False, True]

@@ -216,21 +216,26 @@ def find_outliers(fit: Fit, held: Measurements | None = None) -> Outliers:
         names += held.ids
         flagged += list(gross((fit.predict(held)[:, :3] ** 2).sum(axis=1)))
     ids = tuple(name for name, out in zip(names, flagged, strict=True) if out)
-    row = _stretch(fit.data, ids)
-    lasting = row is not None and row.stop + _SOON >= n
-    return Outliers(ids, len(names), _clusters(thinned(fit), ids), row is not None, lasting)
+    return Outliers(ids, len(names), _clusters(thinned(fit), ids), *_stretch(fit.data, ids))
 
 
-def _stretch(data: Measurements, ids: tuple[str, ...]) -> range | None:
-    """The part of the session that has all outliers, where so short a part is no chance: by Bonferroni over
-    its n beginnings. None without two outliers or an order of measurement."""
+def _stretch(data: Measurements, ids: tuple[str, ...]) -> tuple[bool, bool]:
+    """Whether all outliers are in so short a part of the session that it is no chance (by Bonferroni over its
+    n beginnings), and whether that reaches its end. Not without two outliers or an order of measurement;
+    replicates that follow one another count as one pose, which may be a bad one."""
     order = order_of_measurement(data)
-    at = np.flatnonzero(np.isin(data.ids, ids)[order]) if order is not None else np.arange(0)
+    if order is None:
+        return False, False
+    number = np.arange(data.n)
+    if data.replicate is not None:
+        number[1:] = np.cumsum(np.diff(data.replicate[order]) != 0)
+    at = np.unique(number[np.isin(data.ids, ids)[order]])
+    n = int(number[-1]) + 1
     if len(at) < 2:
-        return None
-    row = range(int(at[0]), int(at[-1]) + 1)
-    p = data.n * comb(len(row) - 1, len(at) - 1) / comb(data.n, len(at))
-    return row if p < _ROW_P else None
+        return False, False
+    length = int(at[-1] - at[0]) + 1
+    near = n * comb(length - 1, len(at) - 1) / comb(n, len(at)) < _ROW_P
+    return near, near and int(at[-1]) + 1 + _SOON >= n
 
 
 def _without_last_move(fit: Fit) -> Mask:
