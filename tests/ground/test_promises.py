@@ -122,7 +122,7 @@ def test_a_table_that_leaves_something_out_states_its_own_error(tmp_path, monkey
     comparison = compare(arm, wb.read_csv("d.csv", 6))
     d = SimpleNamespace(comparison=comparison, advised=SimpleNamespace(headline=(), crossed=()))
     [_, step] = advice._calibrating(d, advice.Inputs("ur5.toml", ("--data", "d.csv")))
-    assert f"cannot hold all of it: held-out error {table} mm" in step.why
+    assert f"cannot hold all of it: held-out error {table} mm, with all of it {whole} mm" in step.why
 
 
 # ------------------------------------------------------------------------------------- constants

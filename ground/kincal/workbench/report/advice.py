@@ -135,7 +135,10 @@ def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
         _kincal("fit", *inputs.sources, *inputs.written),
     )
     table = d.comparison.table_errors
-    less = f"; a DH table cannot hold all of it: held-out error {table.held[0] * 1e3:.3f} mm" if table else ""
+    less = ""
+    if table:  # beside the error of the same poses: the gain above may be of others
+        both = (f"{e * 1e3:.3f} mm" for e in (table.held[0], d.comparison.rms["held"][0]))
+        less = f"; a DH table cannot hold all of it: held-out error {', with all of it '.join(both)}"
     yield _export(inputs, f"export the calibrated arm as a DH table (also urdf, json, python, c{less})", "dh")
 
 
