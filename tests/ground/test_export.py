@@ -867,6 +867,12 @@ def test_another_session_is_predicted_with_what_the_fitted_one_left(folder, tmp_
         mixed = kincal(tmp_path, "model", "predict", *on, *files)  # one clock for both
         assert mixed.exit_code == EXIT_INPUT and "nor of others alone" in mixed.stderr
         assert "first.csv), or only files of other sessions" in mixed.stderr
+    kept = [f"{row.rstrip()},{'fit' if k < 70 else 'held'}\n" for k, row in enumerate(rows[:90])]
+    (tmp_path / "kept.csv").write_text(f"{head.rstrip()},split\n" + "".join(kept))
+    well(tmp_path, "model", "fit", *on, "kept.csv")  # its last fitted pose is not the end of the session
+    assert wb.read_model(tmp_path / "M.toml").fit.end_s == 60.0 * 89
+    again = json.loads(kincal(tmp_path, "model", "predict", *on, "later.csv", "--json").output)
+    assert again["errors"][1]["pos_mm"] < 0.5
 
 
 def test_a_session_of_two_files_is_predicted_by_both_in_their_order_alone(folder, tmp_path):

@@ -128,7 +128,7 @@ class FitEntry(Strict):
     expected: ExpectedEntry | None = None
     """The error that `fit` begins with: what other poses of this kind are compared with."""
     end_s: Real | None = None
-    """Time of the last fitted pose [s]: where effects of time stand in other sessions."""
+    """Time of the last pose, fitted or not [s]: where effects of time stand in other sessions."""
     noise_scale: NotNegative
     """Fitted over stated noise."""
     base: FrameEntry

@@ -60,7 +60,7 @@ def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEnt
         held_table_mm=None if table is None else table.held[0] * 1e3,
         exported_table_mm=None if table is None else table.exported[0] * 1e3,
         expected=_expected(result),
-        end_s=None if fit.data.t_s is None else float(fit.data.t_s.max()),
+        end_s=fit.data.end_s,
         noise_scale=fit.scale,
         base=_frame(fit.base),
         tool=_frame(fit.tool),

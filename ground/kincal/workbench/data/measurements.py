@@ -131,6 +131,12 @@ class Measurements:
             return None
         return self.replicate
 
+    @property
+    def end_s(self) -> float | None:
+        """Time of the last pose of the session, be it among these or not [s]; None without times."""
+        t_s = (self.whole or self).t_s
+        return None if t_s is None else float(t_s.max())
+
     def are_not(self, ids: Collection[str]) -> Mask:
         """(N,) poses with other ids than these; all poses where that leaves none."""
         others = ~np.isin(self.ids, list(ids))

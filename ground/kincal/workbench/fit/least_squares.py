@@ -131,8 +131,9 @@ class Fit:
     def predict(self, data: Measurements) -> Array:
         """Residuals (M, c) of other measurements [m, rad] under this fit; those of another session with
         effects of time as they were in the end of this one."""
-        if self.of_session and self.data.t_s is not None and not of_one_session(data, self.data):
-            data = at_time(data, float(self.data.t_s.max()))
+        end_s = self.data.end_s
+        if self.of_session and end_s is not None and not of_one_session(data, self.data):
+            data = at_time(data, end_s)
         return self.model.at(observations(self.arm, data)).residuals(self.estimate)
 
     def at(self, data: Measurements) -> Fit:
