@@ -24,6 +24,7 @@ from kincal_shared.errors import BadInput, CannotAnswer
 from kincal_shared.schema.model import ExpectedEntry, FitEntry
 
 _WORST = 5
+_MOST_OUTLIERS = 0.1  # of the poses: more are no bad poses, something has changed
 _LEAST_COMPARED = 8  # poses: an interval of fewer is too narrow (of one it is no interval)
 
 
@@ -43,10 +44,11 @@ class Predicted:
     values; held: the error on held-out poses when it was fitted, None if there were none; expected: the
     error that the fit said of poses in turns, else of these, as the model file has it; residuals: (N, c)
     of the model, measured minus predicted; worst: poses, the worst first; fitted: files of these measurements
-    that the model was fitted to; outliers: ids of poses that are off by far more than the others; usual: as
-    `model`, without them; ratio: position error without them over the expected one without outliers, with its
-    95 % interval, None with few poses on either side or where the model was fitted to these measurements;
-    as_in_the_end: effects of time, taken as they were in the end of the fitted session."""
+    that the model was fitted to; far: number of poses that are off by far more than the others; outliers:
+    their ids, none where these are too many to be bad poses; usual: as `model`, without them; ratio: position
+    error without them over the expected one without outliers, with its 95 % interval, None with few poses on
+    either side or where the model was fitted to these measurements; as_in_the_end: effects of time, taken
+    as they were in the end of the fitted session."""
 
     arm: str
     source: str
@@ -61,6 +63,7 @@ class Predicted:
     residuals: Array
     worst: tuple[PoseError, ...]
     fitted: tuple[str, ...]
+    far: int
     outliers: tuple[str, ...]
     usual: PosRot
     ratio: tuple[float, tuple[float, float]] | None
@@ -97,7 +100,9 @@ def predict(
     residuals = model.residuals(values)[:, compared]
     held = None if record.held_mm is None else (record.held_mm * 1e-3, _scaled(record.held_mrad))
     square = np.array((residuals[:, :3] ** 2).sum(axis=1))
-    usual, expected = ~gross(square), record.expected or _of_held(record)
+    far, expected = gross(square), record.expected or _of_held(record)
+    bad = far if far.mean() <= _MOST_OUTLIERS else np.zeros_like(far)
+    usual = ~bad
     ratio = None if expected is None or fitted else _ratio(square[usual], data.take(usual).repeats, expected)
     return Predicted(
         arm=calibrated.arm.name,
@@ -113,7 +118,8 @@ def predict(
         residuals=residuals,
         worst=_worst(data, residuals),
         fitted=fitted,
-        outliers=tuple(data.ids[i] for i in np.flatnonzero(~usual)),
+        far=int(far.sum()),
+        outliers=tuple(data.ids[i] for i in np.flatnonzero(bad)),
         usual=rms(residuals[usual]),
         ratio=ratio,
         as_in_the_end=() if fitted else calibrated.of_session,

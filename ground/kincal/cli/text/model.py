@@ -255,6 +255,9 @@ def predicted(p: Predicted) -> str:
 
 
 def _without_outliers(p: Predicted) -> list[str]:
+    if p.far > len(p.outliers):
+        much = "off by more than ten times the median error: too many to be bad poses, none is left out"
+        return [f"outliers           {p.far} of {p.poses} poses are {much}"]
     if not p.outliers:
         return []
     which = "outlier" if len(p.outliers) == 1 else f"{len(p.outliers)} outliers"
@@ -289,7 +292,8 @@ def _as_well(p: Predicted) -> str:
     assert p.ratio is not None and p.expected is not None  # as asked before
     ratio, (low, high) = p.ratio
     how = "worse than" if low > 1.0 else "better than" if high < 1.0 else "as well as"
-    without = ", outliers excluded" if p.outliers or p.expected.outliers else ""
+    theirs = " without their outliers" if p.expected.outliers else ""
+    without = ", outliers excluded" if p.outliers else theirs
     return (
         f"predicted {how} the held-out ones of the fit{without}: ratio of position errors {ratio:.2f} (95 % "
         f"interval {low:.2f} to {high:.2f})"
@@ -309,6 +313,7 @@ def predicted_json(p: Predicted) -> dict[str, Any]:
             {"model": "model", **_milli(p.model)},
         ],
         "max": _milli(p.largest),
+        "far": p.far,
         "outliers": list(p.outliers),
         "without_outliers": _milli(p.usual),
         "ratio": p.ratio and p.ratio[0],
