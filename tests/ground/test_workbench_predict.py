@@ -107,6 +107,24 @@ def test_few_held_out_poses_are_no_expectation(fitted, monkeypatch):
     assert (expected["held_out"], expected["poses"]) == ("poses in turns", 40)
 
 
+def test_replicates_of_a_few_held_out_poses_are_few(fitted, monkeypatch, tmp_path):
+    """80 readings of 20 poses: 20 are held out, of 5 poses, and the interval was one of 20."""
+    monkeypatch.chdir(fitted)
+    header, *rows = (fitted / "all.csv").read_text().splitlines()
+    rng, names = np.random.default_rng(1), header.split(",")
+    again = []
+    for k, row in enumerate(rows[i].split(",") for i in np.tile(range(20), 4)):
+        row[names.index("id")], row[names.index("t_s")] = str(k), str(60 * k)
+        for column in ("px", "py", "pz"):
+            row[names.index(column)] = repr(float(row[names.index(column)]) + rng.normal(0.0, 1e-4))
+        again.append(row)
+    (tmp_path / "again.csv").write_text("\n".join([header, *map(",".join, again)]) + "\n")
+    good("fit", "--arm", "arm.toml", "--data", tmp_path / "again.csv", "--model", tmp_path / "A.toml")
+    expected = wb.read_model(tmp_path / "A.toml").fit.expected
+    assert (expected.poses, expected.distinct) == (20, 5)
+    assert answer("predict", "--model", tmp_path / "A.toml", "--data", "new.csv")["ratio"] is None
+
+
 def test_few_new_poses_are_not_judged(fitted, monkeypatch):
     """One pose was predicted "better than the held-out ones: 0.99 (95 % interval 0.99 to 0.99)"."""
     monkeypatch.chdir(fitted)

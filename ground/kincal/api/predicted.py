@@ -154,9 +154,9 @@ def _of_held(record: FitEntry) -> ExpectedEntry | None:
     """What a fit of an earlier version says of other poses."""
     if record.held_mm is None or not record.held:
         return None
-    mm, mrad = record.held_mm, record.held_mrad
+    mm, mrad, count = record.held_mm, record.held_mrad, len(record.held)
     return ExpectedEntry(
-        held_out=HELD_OUT, poses=len(record.held), mm=mm, mrad=mrad, usual_mm=mm, usual_mrad=mrad
+        held_out=HELD_OUT, poses=count, distinct=count, mm=mm, mrad=mrad, usual_mm=mm, usual_mrad=mrad
     )
 
 
@@ -164,10 +164,9 @@ def _ratio(
     square: Array, groups: Groups | None, expected: ExpectedEntry
 ) -> tuple[float, tuple[float, float]] | None:
     """Of squared errors [m^2] to the expected one; None where few poses say little of either."""
-    others = expected.poses - expected.outliers
-    if min(len(group_means(square, groups)), others) < _LEAST_COMPARED:
+    if min(len(group_means(square, groups)), expected.distinct) < _LEAST_COMPARED:
         return None
-    return unpaired_ratio(square, expected.usual_mm * 1e-3, others, groups)
+    return unpaired_ratio(square, expected.usual_mm * 1e-3, expected.distinct, groups)
 
 
 def _scaled(mrad: float | None) -> float | None:

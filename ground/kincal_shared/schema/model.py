@@ -62,6 +62,8 @@ class ExpectedEntry(Strict):
     """Number of these poses."""
     outliers: Annotated[int, pydantic.Field(ge=0)] = 0
     """Number of outliers among them."""
+    distinct: Annotated[int, pydantic.Field(ge=1)]
+    """Number of the others, replicates of one pose counted once."""
     mm: NotNegative
     """RMS position error [mm]."""
     mrad: NotNegative | None = None

@@ -77,10 +77,12 @@ def _expected(result: FitResult) -> ExpectedEntry | None:
     for block, data in judged.items():
         if data is not None and (model := last.get(block)) is not None:
             usual, mrad = model.usual, (model.rot_rad, model.usual[1])
+            others = data.take(data.are_not(comparison.outliers.ids))
             return ExpectedEntry(
                 held_out=block,
                 poses=data.n,
-                outliers=data.n - int(data.are_not(comparison.outliers.ids).sum()),
+                outliers=data.n - others.n,
+                distinct=others.n if others.repeats is None else len(np.unique(others.repeats)),
                 mm=model.pos_m * 1e3,
                 mrad=None if mrad[0] is None else mrad[0] * 1e3,
                 usual_mm=usual[0] * 1e3,
