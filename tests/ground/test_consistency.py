@@ -485,6 +485,12 @@ def test_a_map_file_says_which_readings_contain_another_joint(tmp_path):
     given = ("--arm", arm_path, "--data", tmp_path / "coupled.csv")
     assert "[readings]" in kincal("check", *given).stdout
     assert "belong together" in good("model", "check", *given, "--map", tmp_path / "map.toml").stdout
+    mapped, out = (*given, "--map", tmp_path / "map.toml"), tmp_path / "next.csv"
+    asked = good("model", "next", *mapped, "--count", 1, "-o", out, "backlash[1]", "backlash[2]")
+    said = 'values are those of the joints, what a controller calls them follows by [readings] q3 = "q3 + q2"'
+    assert f"note: {said}" in asked.stderr and f"# {said}; read this file without" in out.read_text()
+    plain = good("model", "next", *given, "--force", "--count", 1, "backlash[1]", "backlash[2]")
+    assert "values are those of the joints" not in plain.stderr
     for text, why in (
         ("q3 + q9", "there are 7"),
         ("q3 * q2", 'which has another form; write it as in readings = { q3 = "q3 + q2" }'),

@@ -139,7 +139,7 @@ def _fit(task: Task, arm: Arm, data: Data) -> Plain:
 def _next(task: Task, case: cases.Case) -> Plain:
     """The poses that separate alternatives best, as `kincal model next`."""
     poses = case.separating_poses(task.alternatives, count=NEXT, limits=Limits())
-    (task.out / POSES).write_text(poses_csv(poses), "utf-8")
+    (task.out / POSES).write_text(poses_csv(poses, case.data.sums), "utf-8")
     rows = [
         [str(k), ", ".join(f"{x:.3f}" for x in p.q), " ".join(f"{x:+d}" for x in p.direction or ()) or "any",
          ", ".join(f"{x:.3f}" for x in p.tool_m), f"{p.power:.2f}"]

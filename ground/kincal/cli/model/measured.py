@@ -251,6 +251,7 @@ def next_command(
         kincal model next --arm wam --data p.csv --space tables/src/space.toml backlash[1] backlash[2]
     """
     from kincal.api.case import check_alternatives
+    from kincal.workbench.data.sums import of_the_joints
     from kincal.workbench.prediction.measurable import Limits
     from kincal.workbench.prediction.nextposes import poses_csv
     from kincal.workbench.report.answers import poses_json, poses_text
@@ -269,8 +270,10 @@ def next_command(
     limits = Limits(*boxes, clear)
     poses = case.separating_poses(names, count=count, limits=limits)
     if out_path is not None:
-        write_file(out_path, poses_csv(poses))
+        write_file(out_path, poses_csv(poses, case.data.sums))
         click.echo(f"{out_path}: {len(poses)} poses", err=as_json)
+    if case.data.sums:
+        click.echo(f"note: {of_the_joints(case.data.sums)}", err=True)
     click.echo(json.dumps({"next_poses": poses_json(poses)}, indent=1) if as_json else poses_text(poses))
 
 

@@ -34,6 +34,11 @@ def matrix(sums: Sums, n: int) -> Array:
     return out
 
 
+def of_the_joints(sums: Sums) -> str:
+    """Of joint values that a controller may be given."""
+    return f"values are those of the joints, what a controller calls them follows by {in_words(sums)}"
+
+
 def in_words(sums: Sums) -> str:
     """As the map file has them."""
     return "[readings] " + ", ".join(f'{name} = "{text}"' for name, text in sums)

@@ -21,6 +21,7 @@ from scipy.special import expit
 from kincal_shared.errors import BadInput, CannotAnswer
 
 from ..data.measurements import Measurements
+from ..data.sums import Sums, of_the_joints
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit
 from ..model.effects import Hypothesis
@@ -243,9 +244,9 @@ def _predicted(belief: _Belief) -> tuple[Array, Array, Array]:
     return a @ belief.mean, v, array(np.linalg.inv(v))
 
 
-def poses_csv(poses: Sequence[NextPose]) -> str:
+def poses_csv(poses: Sequence[NextPose], sums: Sums = ()) -> str:
     """Poses as a file of measurements holds them: px,py,pz is where the model expects the tool, to be
-    replaced by what is measured there."""
+    replaced by what is measured there. sums: of the measurements, by which a controller has other values."""
     n = len(poses[0].q)
     header = ["id", *(f"q{j}" for j in range(1, n + 1))]
     header += [f"dir{j}" for j in range(1, n + 1)] if poses[0].direction else []
@@ -253,6 +254,7 @@ def poses_csv(poses: Sequence[NextPose]) -> str:
     lines = [
         f"# next poses, to separate {', '.join(poses[0].separates)}",
         "# px,py,pz: expected by the model; put the measured position there",
+        *([f"# {of_the_joints(sums)}; read this file without that map"] if sums else []),
         ",".join([*header, "px", "py", "pz"]),
     ]
     return "\n".join([*lines, *(_csv_row(k, p) for k, p in enumerate(poses, 1))]) + "\n"
