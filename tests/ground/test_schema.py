@@ -26,6 +26,7 @@ SHIPPED = {
     **{f"table-{kind}": ROOT / f"tables/src/{kind}.toml" for kind in tables.SOURCES},
 }
 FRAME = {"xyz_m": [0.0, 0.0, 0.0], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]}
+EXPECTED = {"held_out": "held-out poses", "poses": 20, "distinct": 19, "mm": 0.2, "usual_mm": 0.2}
 SIGHT = {
     "on_tool": True, "points_m": [[0.0, 0.0, 0.0]], "low": [-0.5, -0.3], "high": [0.5, 0.3],
     "focal": [900.0, 900.0],
@@ -33,7 +34,7 @@ SIGHT = {
 FIT = {
     "when": "2026-01-01T00:00:00+00:00", "tool_version": "0.1.0", "arm_sha256": "0" * 64,
     "data": [{"path": "d.csv", "sha256": "0" * 64}], "poses": 20, "components": 3, "noise_scale": 1.0,
-    "base": FRAME, "tool": FRAME, "sight": SIGHT,
+    "base": FRAME, "tool": FRAME, "sight": SIGHT, "expected": EXPECTED,
 }  # fmt: skip
 VALUES = [{"name": "a.k", "value": 1.0, "std_err": 0.1}]
 # What the shipped files leave out, and the kinds without a shipped file.
